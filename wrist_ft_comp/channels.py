@@ -7,6 +7,7 @@ upwards at rest), ``rotation_speed`` (rad/s); their units, and what a sensor can
 """
 
 from collections.abc import Mapping, Sequence
+import math
 
 #: The names of a sensor, by fact: one name, but of temperature_topics one per thermometer.
 #: A fact that is not known is left out.
@@ -44,3 +45,15 @@ def is_plausible(value: float) -> bool:
 def temperature_channel(thermometer: int) -> str:
     """Name the channel of a thermometer, counted from 0, which is the one inside the sensor."""
     return 'temperature_c' if thermometer == 0 else f'temperature_{thermometer + 1}_c'
+
+
+def why_unusable(channel: str, value: float) -> str:
+    """Say what is wrong with readings of a channel such as a value that no sensor makes."""
+    if not math.isfinite(value):
+        return 'not finite'
+    (low, high), unit = _limits(channel), ' °C' if channel.startswith('temperature') else ''
+    return f'outside {low:g} to {high:g}{unit}, which no sensor reads, such as {value:.4g}{unit}'
+
+
+def _limits(channel: str) -> tuple[float, float]:
+    return PLAUSIBLE_C if channel.startswith('temperature') else (-LARGEST, LARGEST)

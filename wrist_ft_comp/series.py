@@ -22,8 +22,6 @@ NANOSECONDS = 1_000_000_000
 ROUNDING = 1e-12
 #: Means of equal readings differ by less than this share, because sums are rounded.
 _ROUNDING = 1e-9
-#: Stamps of two drivers that lie farther apart come from two clocks, s.
-SAME_CLOCK_S = 3600.0
 #: Stamps from this one on are of a clock, ns; those of many logs begin at 0.
 CLOCK_NS = 10**9 * NANOSECONDS
 #: Samples further apart than this many times the usual distance belong to different stretches.

@@ -1,11 +1,12 @@
 """Units in which a table may hold times, forces, torques and temperatures, and their names."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import re
+from typing import TypeVar
 from unicodedata import normalize
 
 from wrist_ft_comp.channels import axis_unit
-from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 
 #: What stands for a channel where a column holds stamps.
 STAMP = 'stamp'
@@ -57,6 +58,14 @@ _IN_BRACKETS = re.compile(r'[\[(]([^\[\]()]*[^\W\d][^\[\]()]*)[\])]')
 
 #: What is read of a sensor before it is in a unit.
 RAW_UNIT = re.compile(r'(?<![a-z])(?:counts?|adc|lsb|mv|volts?|ohms?|(?<=_)v$)(?![a-z])')
+_Number = TypeVar('_Number', float, FloatArray)
+#: Factor and offset to °C of every unit of temperatures.
+TEMPERATURE_UNITS = {'C': (1.0, 0.0), 'K': (1.0, -273.15), 'F': (5 / 9, -160 / 9)}
+#: Other units, in which a reading may be that is implausible in °C.
+_OTHER_TEMPERATURES = {'degrees Fahrenheit': 'F', 'kelvins': 'K'}
+#: Usual temperatures of a robot's wrist, °C: a reading is probably in another unit if conversion
+#: from that unit brings it into this range.
+_LIKELY_C = (-40.0, 85.0)
 
 
 def units_of(channel: str) -> Mapping[str, float]:
@@ -92,3 +101,27 @@ def said_units(name: str, unit: str = '') -> list[str]:
         *re.findall(r'(?:,|\s/)\s*([^\W\d]+|°\w)\s*(?=[\[(]|$)', name),
         *filter(None, [unit]),
     ]
+
+
+def to_celsius(numbers: _Number, unit: str) -> _Number:
+    """Convert a number, or an array of numbers, from C, K or F to °C."""
+    factor, offset = TEMPERATURE_UNITS[unit]
+    return numbers if unit == 'C' else numbers * factor + offset
+
+
+def other_unit(value: float, lower_c: float, upper_c: float) -> str:
+    """Guess the unit in which a temperature that is far off would lie as expected, or empty."""
+    names = _OTHER_TEMPERATURES.items()
+    return next((n for n, unit in names if lower_c <= to_celsius(value, unit) <= upper_c), '')
+
+
+def unit_remedy(value: float, in_unit: Callable[[str], str]) -> str:
+    """
+    Say what to do about a temperature, °C, that is probably in another unit.
+
+    ``in_unit`` writes the name, a column or an entry, that reads the same number in unit K or F.
+    """
+    if not (name := other_unit(value, *_LIKELY_C)):
+        return 'Check it and its unit.'
+    unit = _OTHER_TEMPERATURES[name]
+    return f'In {name} it would be {to_celsius(value, unit):.1f} °C: then name it {in_unit(unit)}.'

@@ -31,9 +31,8 @@ from wrist_ft_comp.learning.diary import DayEntry, Diary, diary_path, Memory
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
-from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
+from wrist_ft_comp.stored.state_file import belongs_to, load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
-from wrist_ft_comp.stream.temperature_gaps import belongs_to
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A reader that takes longer hangs, s.

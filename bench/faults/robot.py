@@ -39,7 +39,7 @@ from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.ft_sensor import interpolation
-from wrist_ft_comp.stored.file_writer import FileWriter
+from wrist_ft_comp.stored.background_writer import FileWriter
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.wire.gravity_by_tf import tf_layouts
 
@@ -239,7 +239,8 @@ class Robot:
                 'payload.center_of_mass': payload.center_m.tolist(),
             }  # fmt: skip
         if self.node and self.gravity != 'none':
-            self.node.set_parameters_atomically(parameters_of(values))
+            result = self.node.set_parameters_atomically(parameters_of(values))
+            self.named = payload if result.successful else None
 
     def tare(self) -> Iterator[float]:
         """Hold the robot still, when what it holds is named, and tare."""
@@ -419,7 +420,7 @@ class Robot:
                     ORIGIN_NS + self.now_ns() + round(self.set_s * NANOSECONDS)
                 ),
                 'os.fsync': self._fsync,
-                'wrist_ft_comp.stored.file_writer.FileWriter.put': put,
+                'wrist_ft_comp.stored.background_writer.FileWriter.put': put,
             }.items():
                 stack.enter_context(mock.patch(name, fake))
             yield

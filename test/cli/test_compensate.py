@@ -8,7 +8,8 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.report import pictures
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stream.drift_of_recordings import correct_many, initial_tare, track_drift
+from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
+from wrist_ft_comp.stream.tare import initial_tare
 
 
 def table(path):

@@ -9,9 +9,9 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.payload import learn_at_work
+from wrist_ft_comp.payload import separation
 from wrist_ft_comp.payload.accelerometer_calibration import calibrated_by_norm
-from wrist_ft_comp.payload.learn_at_work import separate, separate_again
+from wrist_ft_comp.payload.separation import separate, separate_again
 from wrist_ft_comp.zero_steps import Step
 
 PLS = IdentificationSettings(method='pls')
@@ -37,7 +37,7 @@ def learnt(days):
 
 def test_steps_that_leave_no_stretch_are_refused(plain, monkeypatch):
     steps = [Step(cell, np.ones(6)) for cell in range(5, 1200, 5)]
-    monkeypatch.setattr(learn_at_work, 'find_steps', lambda *_: steps)
+    monkeypatch.setattr(separation, 'find_steps', lambda *_: steps)
     with pytest.raises(CalibrationRefusedError, match='so often that no stretch is left'):
         separate(plain)
 

@@ -8,7 +8,7 @@ import pytest
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors, TaredErrors
-from wrist_ft_comp.stream.drift_of_recordings import initial_tare
+from wrist_ft_comp.stream.tare import initial_tare
 
 X, Z, TORQUE_Z = (AXES.index(axis) for axis in ('force_x', 'force_z', 'torque_z'))
 CELLS = 60

@@ -73,7 +73,7 @@ def test_a_sensor_that_is_zeroed_by_its_driver_is_found_once(free_n, now_n, move
     watch, times = SensorWatch(), 0
     for reading in readings:
         look(watch, reading)
-        times += watch.zeroed(np.array([free_n, 0.0, 0.0, 0.0, 0.0, 0.0]), 0.2 * scale)
+        times += watch.zeroed(np.array([free_n, 0.0, 0.0, 0.0, 0.0, 0.0]), 0.2 * scale / 3)
     assert times == found
 
 

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from wrist_ft_comp import units
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.wire import temperature_source as sources
 from wrist_ft_comp.wire.temperature_source import parse_source, TemperatureSource
@@ -148,8 +149,8 @@ def test_a_field_may_be_a_temperature_by_its_name(name, telling):
 
 
 def test_a_reading_in_another_unit_gets_its_remedy():
-    assert sources.to_celsius(50.0, 'F') == pytest.approx(10.0)
-    assert sources.unit_remedy(298.15, '/t:temperature:{}'.format).endswith(
+    assert units.to_celsius(50.0, 'F') == pytest.approx(10.0)
+    assert units.unit_remedy(298.15, '/t:temperature:{}'.format).endswith(
         'name it /t:temperature:K.'
     )
-    assert sources.unit_remedy(1e9, str) == 'Check it and its unit.'
+    assert units.unit_remedy(1e9, str) == 'Check it and its unit.'

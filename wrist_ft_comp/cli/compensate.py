@@ -8,17 +8,18 @@ from pathlib import Path
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.evaluate import range_warnings
 from wrist_ft_comp.cli.terminal import print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor
-from wrist_ft_comp.payload.learn_at_work import external_correction, learn_at_work
+from wrist_ft_comp.payload.separation import external_correction, learn_at_work
 from wrist_ft_comp.recording import Correction
 from wrist_ft_comp.recordings.compensated_copy import check_copy, EXTERNAL_TOPIC, rewrite_recording
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.report.days import PICTURE
+from wrist_ft_comp.report.evaluation import range_warnings
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stream.drift_of_recordings import correct_many, initial_tare, track_drift
+from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
+from wrist_ft_comp.stream.tare import initial_tare
 
 _UNTARED = (
     'Nothing was tared: drift is removed, but every axis keeps a constant offset, perhaps of many '

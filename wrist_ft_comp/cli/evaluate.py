@@ -5,25 +5,27 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.terminal import content_words, print_result, progress_bar
-from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
-from wrist_ft_comp.fit.data_checks import silent_stretches
+from wrist_ft_comp.drift.drift_model import check_sensor
 from wrist_ft_comp.fit.folds import averaged_s
-from wrist_ft_comp.payload.learn_at_work import learn_at_work
+from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.payload.weight import same_payload
-from wrist_ft_comp.recording import Recording, Reference, Topics
+from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report import report_content
-from wrist_ft_comp.report.advice import IMU_TOPIC, SAME_K
-from wrist_ft_comp.report.evaluation import judge_errors, reference_of, tared_errors, without_steps
+from wrist_ft_comp.report.advice import IMU_TOPIC
+from wrist_ft_comp.report.evaluation import (
+    judge_errors,
+    range_warnings,
+    reference_of,
+    tared_errors,
+    without_steps,
+)
 from wrist_ft_comp.report.html_page import page, REPORT
-from wrist_ft_comp.series import NANOSECONDS, part_of, Progress, rounded
+from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
-from wrist_ft_comp.stream.drift_of_recordings import exchange_doubts, thermometer_doubts
 
 HELP = 'judge a model on recordings'
 DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tared first.'
@@ -144,28 +146,3 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         'warnings': content.warnings,
     }
     return content, document
-
-
-def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:
-    """Say where thermometers leave the range of a model, are silent for long, or are doubted."""
-    sentences = []
-    pairs = zip(recording.temperature_c.T, stored.document['thermometers'], strict=False)
-    for number, (column, thermometer) in enumerate(pairs):
-        low, high = thermometer['range_c']
-        share = float(np.mean((column < low - SAME_K) | (column > high + SAME_K)))
-        if share > 0:
-            sentences.append(
-                f'Thermometer {number + 1} of {recording.name} goes from {column.min():.1f} to '
-                f'{column.max():.1f} °C; the model was learnt from {low:.1f} to {high:.1f} °C. '
-                f'For {rounded(100 * share, 2)} % of the time the correction is a guess.'
-            )
-    heard = recording.measured
-    if stored.model.prediction is not None:  # one that is silent is predicted by the others
-        heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
-    sentences += silent_stretches([replace(recording, measured=heard)])
-    doubts = thermometer_doubts(stored.model, recording) | exchange_doubts(stored.model, recording)
-    sentences += [
-        f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
-        for doubt, share in doubts.items()
-    ]
-    return tuple(sentences)

@@ -11,7 +11,7 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, temperature_channel
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.payload.accelerometer_calibration import describe_force, ForceSummary
+from wrist_ft_comp.payload.mass_and_center import describe_force, ForceSummary
 from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings import bag_topics, read
 from wrist_ft_comp.recordings.bag import Bag, uppermost_frame

@@ -16,17 +16,17 @@ from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks as checks
 from wrist_ft_comp.fit import paper_methods
-from wrist_ft_comp.fit.auto import identify_auto
+from wrist_ft_comp.fit.another_day import day_limit, largest_drift, late_errors
+from wrist_ft_comp.fit.auto_method import identify_auto
 from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data, MIN_SAMPLES
-from wrist_ft_comp.fit.error_limit import day_limit, largest_drift, late_errors
 from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.fit.result import AxisFit, Calibration
-from wrist_ft_comp.fit.segments import MOVING, segment
+from wrist_ft_comp.fit.segments import did_it_move, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
-from wrist_ft_comp.payload.learn_at_work import learn_at_work
+from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording, require_recordings
-from wrist_ft_comp.series import IntArray, Progress, rounded
+from wrist_ft_comp.series import IntArray, Progress
 
 
 def calibrate(
@@ -75,19 +75,7 @@ def calibrate(
         warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
     warnings += [*dropped, *stepped, *said, *unknown, *doubts]
     warnings += work.warnings if work else ()
-    if reference in {'unloaded', 'constant'}:
-        unexplained = [
-            f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
-            for axis, fit in fits.items()
-            if fit.rms_after > max(fit.rms_before / 2, MOVING[fit.unit])
-        ]
-        if unexplained:
-            warnings.append(
-                'Most of what these readings do is not explained by temperature, RMS: '
-                f'{", ".join(unexplained)}. The load was declared {reference}: did the robot '
-                'move, or did something touch it? Or does no thermometer see the heat? Record '
-                'again standing still, or with the specific force (--reference payload).'
-            )
+    warnings += did_it_move(fits, reference)
     return Calibration(
         model=model, fits=fits, temperature_range_c=ranges_c, duration_s=duration_s,
         warnings=tuple(warnings), sources=tuple(recording.name for recording in recordings),

@@ -12,15 +12,13 @@ from wrist_ft_comp.channels import SensorNames
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.payload.learn_at_work import Separation
+from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray, rounded
 
 #: A model that leaves this many times what no model leaves does harm; less may be chance.
 HARMFUL_RATIO = 1.05
-#: A time constant longer than this share of the longest recording is not sure.
-SURE_SHARE = 0.5
 
 
 @dataclass(frozen=True)

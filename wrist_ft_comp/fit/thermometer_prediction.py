@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wrist_ft_comp.drift.arx_pls import free_run, relaxation
 from wrist_ft_comp.drift.drift_model import ThermometerPrediction
-from wrist_ft_comp.fit.auto import LONG_BANK_S, STRENGTHS
+from wrist_ft_comp.fit.auto_method import LONG_BANK_S, STRENGTHS
 from wrist_ft_comp.fit.data_checks import LONG_SILENCE_S, runs_of
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray

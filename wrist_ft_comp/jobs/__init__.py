@@ -1,1 +1,1 @@
-"""Jobs that take minutes; ``entry`` is what runs in a process beside the node."""
+"""Jobs that take minutes; ``job_main`` is what runs in a process beside the node."""

@@ -1,7 +1,7 @@
 """
 The calibration job: read recordings, fit, save the model and its payloads.
 
-The command line runs it in its own process, the node in another one (``entry``).
+The command line runs it in its own process, the node in another one (``job_main``).
 """
 
 from collections.abc import Mapping

@@ -1,5 +1,5 @@
 """
-A job, and a process of its own for it, as the node sees it; ``entry`` is what runs in it.
+A job, and a process of its own for it, as the node sees it; ``job_main`` is what runs in it.
 
 The job is JSON on standard input, the outcome is JSON on standard output. Its only argument is the
 process id of the node, with which it ends.
@@ -104,7 +104,7 @@ class JobProcess:
         self._output, self._errors = self._process.communicate(text.encode())
 
     def poll(self) -> dict[str, Any] | None:
-        """Give the outcome, as ``entry`` writes it; None while the job runs."""
+        """Give the outcome, as ``job_main`` writes it; None while the job runs."""
         if self._exchange.is_alive():
             return None
         try:

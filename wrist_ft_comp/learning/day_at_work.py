@@ -7,8 +7,8 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import Drift, no_drift
 from wrist_ft_comp.fit.folds import averaged_cells, tared_means
 from wrist_ft_comp.learning.diary import DayEntry, NONE
-from wrist_ft_comp.payload import learn_at_work as work
-from wrist_ft_comp.payload.accelerometer_calibration import CONTRAST
+from wrist_ft_comp.payload import separation as work
+from wrist_ft_comp.payload.mass_and_center import CONTRAST
 from wrist_ft_comp.payload.mounted_payloads import COUNTS, unexplained_contrast
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording

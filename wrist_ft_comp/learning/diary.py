@@ -42,13 +42,6 @@ CHALLENGER = 'challenger'
 #: What happened on a day: nothing; what only that day cannot be learnt from; another tool, whose
 #: drift is learnt all the same; or what changed the sensor, its zero, or its gain or mounting.
 IncidentKind = Literal['', 'unreadable', 'contacts', 'thermometer', 'tool', 'zero', 'sensor']
-#: Days of these kinds are learnt from, ...
-LEARNT_FROM: tuple[IncidentKind, ...] = ('', 'tool')
-#: ... and days of these kinds stop learning.
-PAUSING: tuple[IncidentKind, ...] = ('zero', 'sensor')
-#: Good days that have to come before learning goes on after an incident, before the noise of days
-#: is usual, and before a model is judged that a person chose.
-DAYS_TO_AGREE = 3
 
 
 @dataclass(frozen=True)

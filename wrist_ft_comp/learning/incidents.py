@@ -22,7 +22,7 @@ from wrist_ft_comp.fit import data_checks
 from wrist_ft_comp.fit.thermometer_prediction import UNUSUAL
 from wrist_ft_comp.learning import diary
 from wrist_ft_comp.learning.day_at_work import Day
-from wrist_ft_comp.learning.diary import DayEntry, DAYS_TO_AGREE, LEARNT_FROM
+from wrist_ft_comp.learning.diary import DayEntry, IncidentKind
 from wrist_ft_comp.payload.identify_payload import LEAST_FREE
 from wrist_ft_comp.payload.mass_and_center import LEVER_M, MISFIT
 from wrist_ft_comp.payload.mounted_payloads import cells_in
@@ -48,6 +48,13 @@ _LEAST_JUMP_SIGMA = 50.0
 _JUMP_TOLERANCE = 0.25
 #: Kind of the incident, and a sentence.
 Incident = tuple[diary.IncidentKind, str]
+#: Days of these kinds are learnt from, ...
+LEARNT_FROM: tuple[IncidentKind, ...] = ('', 'tool')
+#: ... and days of these kinds stop learning.
+PAUSING: tuple[IncidentKind, ...] = ('zero', 'sensor')
+#: Good days that have to come before learning goes on after an incident, before the noise of days
+#: is usual, and before a model is judged that a person chose.
+DAYS_TO_AGREE = 3
 
 
 def incident(
@@ -89,7 +96,7 @@ def pause(entries: Sequence[DayEntry], since: str) -> str:
     """Say why learning has stopped on its own; empty when it has not."""
     why, agreeing = '', 0
     for entry in entries:
-        if entry.kind in diary.PAUSING and entry.name > since:
+        if entry.kind in PAUSING and entry.name > since:
             why, agreeing = f'{entry.name}: {entry.incident}', 0
         elif entry.kind in LEARNT_FROM:
             agreeing += 1

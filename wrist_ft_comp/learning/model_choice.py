@@ -16,32 +16,28 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
-from wrist_ft_comp.fit.auto import HARMFUL_FOLD
+from wrist_ft_comp.fit.auto_method import HARMFUL_FOLD
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.day_at_work import Day, describe, left
-from wrist_ft_comp.learning.day_choice import good_days, worthiest
-from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, DAYS_TO_AGREE, LEARNT_FROM, NONE
-from wrist_ft_comp.learning.incidents import incident, pause
+from wrist_ft_comp.learning.day_choice import (
+    ANOTHER_DAY,
+    FEWEST_DAYS,
+    good_days,
+    MOST_DAYS,
+    reason,
+    worthiest,
+)
+from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, NONE
+from wrist_ft_comp.learning.incidents import incident, LEARNT_FROM, pause
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift, thermometer_doubts
 
 #: Added to both errors, as a share of a usual drift: where next to nothing is left, neither of the
 #: two is better.
 _FLOOR = 0.01
-#: Fewest days that a model is learnt from.
-FEWEST_DAYS = 2
-#: Most days that a model is learnt from. They bound the cost, and all seasons fit into them.
-MOST_DAYS = 12
-#: A model is learnt when the number of good days has grown by a third: on the 2nd, 3rd, 4th,
-#: 6th, 8th, 11th, 15th, 20th … good day.
-_GROWTH_PARTS = 3
-#: One is also learnt after a day on which the live model left more than this many times what it
-#: leaves on the median day.
-_BAD_RATIO = 2.0
-ANOTHER_DAY = 'One more good day is needed before a model is learnt.'
 
 #: Reads and separates the day of a name; WristFtCompError where that is impossible.
 Look = Callable[[str], Day]
@@ -203,42 +199,3 @@ def drift_words(entry: DayEntry) -> str:
     left = f'left {live:.2g} N' if np.isfinite(live) else 'cannot be judged on this day'
     words = f'the live model {left}' if entry.live else 'no model was live'
     return f'A force drifted by {drift:.2g} N (RMS); {words}. ' if np.isfinite(drift) else ''
-
-
-def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bool, str]:
-    """
-    Decide whether a model is learnt after the newest day, and say why, or why not.
-
-    ``live`` is the key of the live model, ``chosen`` the newest day before a person chose it;
-    empty where none is live, and where the node did.
-    """
-    good = [day for day in entries if day.kind in LEARNT_FROM]
-    if len(good) < FEWEST_DAYS:
-        return False, ANOTHER_DAY
-    new = sum(day.name > chosen for day in good)
-    if chosen and new < DAYS_TO_AGREE:
-        return False, (
-            f'A person chose the live model. It is kept for {DAYS_TO_AGREE} good days; {new} of '
-            'them have passed.'
-        )
-    last = max((n for n, day in enumerate(good) if day.challenged), default=0)
-    grown, awaited = len(good) - 1 - last, (last + 1) / _GROWTH_PARTS
-    if not live:
-        return True, 'no model is live'
-    if grown >= awaited:
-        return True, f'{grown} more good {"day" if grown == 1 else "days"}'
-    shares = {
-        day.name: float(np.nanmean(day.left[day.live] / np.maximum(day.left[NONE], 1e-12)))
-        for day in good
-        if {day.live, NONE} <= day.left.keys()
-    }
-    bad_share = _BAD_RATIO * float(np.median(list(shares.values()) or [1.0]))
-    for day in good[last + 1 :]:
-        if shares.get(day.name, 0.0) > bad_share:
-            return True, f'the live model did badly on {day.name}'
-    more = int(np.ceil(awaited)) - grown
-    return False, (
-        f'No new model was learnt. The next one is learnt after {more} more good '
-        f'{"day" if more == 1 else "days"}, or after a day on which the live model leaves more '
-        f'than {_BAD_RATIO:g} times its usual share of the drift.'
-    )

@@ -11,24 +11,25 @@ from geometry_msgs.msg import WrenchStamped
 
 from wrist_ft_comp.channels import LARGEST, SensorNames
 from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.node.drift_topic import DriftTopic
 from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.job_services import Jobs
 from wrist_ft_comp.node.learner import Learner
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.payload_choice import PayloadChoice
+from wrist_ft_comp.node.raw_wrench import Counts, is_silent, raw_topic, WrenchInput
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.tare import TareService
 from wrist_ft_comp.node.temperature_topics import TemperatureInput, Thermometer
 from wrist_ft_comp.node.warm_restart import StateKeeper
-from wrist_ft_comp.node.wrench_topics import Counts, DriftTopic, is_silent, raw_topic, WrenchInput
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.ros.diagnostics import ERROR
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import at_start, NODE_NAME, Parameter, usage, warn_of_unknown
 from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.ros.topics import FAST_SENSOR, opening
-from wrist_ft_comp.stored.file_writer import FileWriter
+from wrist_ft_comp.stored.background_writer import FileWriter
 from wrist_ft_comp.stored.node_folder import node_directory, NodeFolder
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES

@@ -12,8 +12,8 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
 from wrist_ft_comp.node.payload_choice import changed_frames, PayloadChoice
+from wrist_ft_comp.node.raw_wrench import Counts, is_silent
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.node.wrench_topics import Counts, is_silent
 from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, MOST_KG
 from wrist_ft_comp.payload.weight_check import HiddenWeight, WeightCheck
@@ -21,6 +21,7 @@ from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.stream.clock import FORCE_APART_S
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
 
@@ -30,8 +31,6 @@ _CONTRADICTION_DEG = 5.0
 #: An IMU is polled where its newest sample is older, ns. Polled for each wrench at 1 kHz, it would
 #: cost a third of the wrench itself; this age causes 0.03 N at 1 rad/s and 1.5 kg.
 _FRESH_NS = 2_000_000
-#: Specific force that comes farther than this from the wrench, s, is stamped by another clock.
-_APART_S = 5.0
 #: Specific force is judged over this many reports in a row: motion changes it in some of them.
 _REPORTS = 10
 #: As many payloads are judged by turns.
@@ -238,7 +237,7 @@ class ExternalWrench(Part):
             self._felt.clear()
         if grown['missed'] > _MISSED_SHARE * grown['came'] and wrench is not None:
             apart_s = abs(wrench[0] - newest[0]) / NANOSECONDS
-            if apart_s > _APART_S and grown['forces']:
+            if apart_s > FORCE_APART_S and grown['forces']:
                 yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
             else:
                 yield f'specific force is older than gravity.timeout, or stays away; {rests}'

@@ -11,12 +11,12 @@ from typing import Any
 from wrist_ft_comp.channels import AXES, SensorNames
 from wrist_ft_comp.drift.drift_model import check_fits, check_sensor, StoredModel
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.node.wrench_topics import Counts
+from wrist_ft_comp.node.raw_wrench import Counts
 from wrist_ft_comp.ros.diagnostics import ERROR, OK, Status, WARN
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.services import service, Work
-from wrist_ft_comp.stored.file_writer import FileWriter
+from wrist_ft_comp.ros.services import service, warned, Work
+from wrist_ft_comp.stored.background_writer import FileWriter
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import HistoryEntry, How, NodeFolder
 from wrist_ft_comp.stream.compensator import Compensator
@@ -241,8 +241,3 @@ def summary(stored: StoredModel) -> str:
     others = ', '.join(axis for axis in AXES if axis not in stored.model.axes)
     passing = f'; {others}, which it does not know, pass as they are' if count and others else ''
     return f'compensating {count} {"axis" if count == 1 else "axes"}{passing}'
-
-
-def warned(message: str, problem: str) -> str:
-    """Add a warning to the answer of a service, where there is a problem."""
-    return f'{message}\nwarning: {problem}' if problem else message

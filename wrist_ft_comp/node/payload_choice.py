@@ -98,6 +98,9 @@ class PayloadChoice:
                 f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
                 'wrench is not known: this sensor has learnt no payload yet, and their frame_ids '
                 'differ. Call ~/identify_payload first; that takes a minute of motion.'
+                if here.force_frame and here.wrench_frame
+                else f'payload.active is {MANUAL}, and the frame_ids of IMU and wrench are not '
+                'known, because no message of both has come. Set it when the IMU sends.'
             )
         learnt = self.payloads()
         if name not in learnt:

@@ -13,13 +13,12 @@ from std_srvs.srv import SetBool
 
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, LARGEST, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.node.live_model import warned
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
 from wrist_ft_comp.ros.hub import Part, Vector
-from wrist_ft_comp.ros.services import service, Work
+from wrist_ft_comp.ros.services import service, warned, Work
 from wrist_ft_comp.ros.topics import FAST_SENSOR
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.file_writer import FileWriter
+from wrist_ft_comp.stored.background_writer import FileWriter
 from wrist_ft_comp.stored.node_folder import NodeFolder
 from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter, origin_column
 from wrist_ft_comp.stored.safe_file import writing

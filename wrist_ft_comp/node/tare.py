@@ -10,12 +10,11 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
-from wrist_ft_comp.node.live_model import warned
+from wrist_ft_comp.node.raw_wrench import WrenchInput
 from wrist_ft_comp.node.warm_restart import StateKeeper
-from wrist_ft_comp.node.wrench_topics import WrenchInput
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.services import service, Work
+from wrist_ft_comp.ros.services import service, warned, Work
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector

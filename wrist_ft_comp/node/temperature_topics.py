@@ -7,12 +7,12 @@ import math
 import time
 from typing import Any
 
-from wrist_ft_comp.channels import is_plausible, temperature_channel
+from wrist_ft_comp.channels import is_plausible, temperature_channel, why_unusable
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.node.live_model import LiveModel
+from wrist_ft_comp.node.raw_wrench import age, arrival, Counts
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.warm_restart import StateKeeper
-from wrist_ft_comp.node.wrench_topics import age, arrival, Counts
 from wrist_ft_comp.ros import topics as ros_topics
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub, Part
@@ -21,10 +21,10 @@ from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.drift_doubts import frozen_doubts, gap_doubts, seldom_doubts
-from wrist_ft_comp.stream.recorded_thermal_cells import why_unusable
+from wrist_ft_comp.units import other_unit, unit_remedy
 from wrist_ft_comp.wire import numbers_in_messages as in_messages
 from wrist_ft_comp.wire.cdr import TEMPERATURE
-from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource, unit_remedy
+from wrist_ft_comp.wire.temperature_source import TemperatureSource
 
 
 class TemperatureTopic:

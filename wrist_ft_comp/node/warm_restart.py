@@ -10,14 +10,13 @@ from typing import Any
 
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.wrench_topics import Counts
+from wrist_ft_comp.node.raw_wrench import Counts
 from wrist_ft_comp.ros.diagnostics import OK, WARN
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.file_writer import FileWriter
-from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
+from wrist_ft_comp.stored.background_writer import FileWriter
+from wrist_ft_comp.stored.state_file import belongs_to, load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.temperature_gaps import belongs_to
 
 #: How often the thermal state is saved, s; also when the node ends, and when the tare or the model
 #: changes. A restart goes on from it.

@@ -7,7 +7,6 @@ scale are fitted to cells at rest alone.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -18,8 +17,6 @@ from wrist_ft_comp.payload.weight import ForceFrame, SAME_SHARE
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 
-#: How far gravity has to move along the second direction, m/s² RMS, to determine a rotation.
-CONTRAST = 0.3
 #: A sensor that turns more slowly is at rest, rad/s.
 _REST_RAD_S = 0.03
 #: Expected bias of an accelerometer, m/s².
@@ -32,32 +29,6 @@ OUTLIER_SHARE = 0.3
 _NORM_NOISE = 0.2
 #: Errors of a norm above this many times that noise count less: the robot was pushed, or braked.
 _OUTLIER_SIGMA = 0.5
-
-
-class ForceSummary(NamedTuple):
-    """How the specific force of a recording moved, m/s²."""
-
-    #: Root mean square over all samples.
-    norm: float
-    #: Standard deviations along the three principal directions, largest first, scaled to a norm of
-    #: GRAVITY.
-    spread: tuple[float, float, float]
-
-    @property
-    def seen(self) -> int:
-        """Number of directions along which gravity moved; a payload needs two."""
-        return sum(deviation > CONTRAST for deviation in self.spread)
-
-
-def describe_force(force: FloatArray) -> ForceSummary | None:
-    """Describe the finite samples of a specific force, m/s², (n, 3); None without any."""
-    force = force[np.isfinite(force).all(axis=1)]
-    if not len(force):
-        return None
-    norm = float(np.sqrt(np.mean(np.sum(force**2, axis=1))))
-    moved = np.linalg.eigvalsh(np.cov(force.T, bias=True))[::-1]
-    largest, middle, least = np.sqrt(np.maximum(moved, 0)) * (GRAVITY / norm if norm else 0.0)
-    return ForceSummary(norm, (float(largest), float(middle), float(least)))
 
 
 def turning_speed(force: FloatArray, period_s: float) -> FloatArray:

@@ -15,13 +15,8 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, GRAVITY, LARGEST
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload import mounted_payloads
-from wrist_ft_comp.payload.accelerometer_calibration import (
-    CONTRAST,
-    fit_norm,
-    OUTLIER_SHARE,
-    turning_speed,
-)
-from wrist_ft_comp.payload.mass_and_center import LEVER_M
+from wrist_ft_comp.payload.accelerometer_calibration import fit_norm, OUTLIER_SHARE, turning_speed
+from wrist_ft_comp.payload.mass_and_center import CONTRAST, LEVER_M
 from wrist_ft_comp.payload.mounted_payloads import Cells, COUNTS, FASTEST, Fit
 from wrist_ft_comp.payload.weight import ForceFrame, Payload, SAME_SHARE
 from wrist_ft_comp.series import FloatArray

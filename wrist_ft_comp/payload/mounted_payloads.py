@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from scipy.special import erfinv, gammaincinv
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.payload.accelerometer_calibration import CONTRAST, rotation_speed
-from wrist_ft_comp.payload.mass_and_center import MISFIT, rigid_bodies, RigidBodies
+from wrist_ft_comp.payload.accelerometer_calibration import rotation_speed
+from wrist_ft_comp.payload.mass_and_center import CONTRAST, MISFIT, rigid_bodies, RigidBodies
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
 from wrist_ft_comp.zero_steps import SMALLEST_SIGMA, WIDTH_SIGMA

@@ -1,1 +1,1 @@
-"""Recordings in files: tables and bags; read ``open_recording`` first."""
+"""Recordings in files: tables and bags; read ``read`` first."""

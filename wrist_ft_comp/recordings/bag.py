@@ -15,7 +15,7 @@ from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, SensorNames
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Samples, Topics
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
-from wrist_ft_comp.stream.clock import NO_TIME
+from wrist_ft_comp.stream.clock import BAG_APART_S, NO_TIME
 from wrist_ft_comp.wire import cdr, temperature_source
 from wrist_ft_comp.wire.gravity_by_tf import decode_transforms, GAP_NS, GravityByTf
 from wrist_ft_comp.wire.numbers_in_messages import Definitions, follow, NumberReader
@@ -152,9 +152,6 @@ def translated(name: str) -> Iterator[None]:
         ) from error
 
 
-#: A wrench is stamped by another clock than the recorder's where its time of arrival is farther
-#: from its stamp, ns.
-_APART_NS = 10 * NANOSECONDS
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 #: Gravity by TF is computed once in this time, ns.
 _STEP_NS = NANOSECONDS // 50
@@ -203,7 +200,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
             if is_first and not np.isfinite(column).any():
                 layout = follow(bag.define(connection), connection.msgtype, messages[0])
                 raise RecordingError(f'{bag.name}: {source.missing(layout)}')
-        if abs(ahead_ns) > _APART_NS and not stamps_ns.all():
+        if abs(ahead_ns) > BAG_APART_S * NANOSECONDS and not stamps_ns.all():
             raise RecordingError(
                 f'Messages on {connection.topic} of {bag.name} have no stamp, and their '
                 'time of arrival says nothing: wrenches are stamped '

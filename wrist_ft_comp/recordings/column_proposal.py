@@ -27,8 +27,15 @@ from wrist_ft_comp.recordings.table import Table, TableInMemory
 from wrist_ft_comp.recordings.table_format import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.recording_writer import ORIGIN
-from wrist_ft_comp.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS, TIMEDELTA
-from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
+from wrist_ft_comp.units import (
+    DAYS_TO_1970,
+    known_unit,
+    STAMP,
+    TIME_UNITS_NS,
+    TIMEDELTA,
+    to_celsius,
+)
+from wrist_ft_comp.wire.temperature_source import may_be_temperature
 
 _EXPECTED = {
     'stamp': 'stamp_s (or stamp_ms, stamp_us, stamp_ns, stamp_min, stamp_h)',

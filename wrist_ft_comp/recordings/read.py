@@ -25,10 +25,11 @@ from wrist_ft_comp.recordings.read_options import KINDS, listed, Placed, ReadOpt
 from wrist_ft_comp.recordings.table import Rows, Table, TableInMemory
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stored.recording_writer import sensor_in
-from wrist_ft_comp.stream.drift_of_recordings import correct_many, initial_tare, track_drift
+from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
 from wrist_ft_comp.stream.recorded_thermal_cells import grid_samples
-from wrist_ft_comp.units import STAMP
-from wrist_ft_comp.wire.temperature_source import parse_sources, to_celsius
+from wrist_ft_comp.stream.tare import initial_tare
+from wrist_ft_comp.units import STAMP, to_celsius
+from wrist_ft_comp.wire.temperature_source import parse_sources
 
 BAG, TABLE = 'rosbag2', 'table'
 #: Rows of a table that are farther apart are those of a log in another unit, s.

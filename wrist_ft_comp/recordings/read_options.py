@@ -27,8 +27,7 @@ from wrist_ft_comp.recordings.table_format import Header
 from wrist_ft_comp.series import CLOCK_NS, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stored.safe_file import beginning
 from wrist_ft_comp.stream.clock import NO_TIME
-from wrist_ft_comp.units import plain_unit, STAMP, TIME_UNITS_NS, units_of
-from wrist_ft_comp.wire.temperature_source import to_celsius
+from wrist_ft_comp.units import plain_unit, STAMP, TIME_UNITS_NS, to_celsius, units_of
 
 #: What stands for a channel where a column holds the nanoseconds beyond whole seconds, or the date
 #: of times of day.

@@ -15,6 +15,7 @@ from wrist_ft_comp.fit.folds import bin_means
 from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.bag_topics import survey_bag, TEMPERATURE
 from wrist_ft_comp.recordings.read import open_bag
+from wrist_ft_comp.report.evaluation import SAME_K
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
 
@@ -35,8 +36,6 @@ _ONE_WAY_SHARE = 0.2
 #: A limit of another day promises little above this share of the largest drift. 34 of 36 good axes
 #: of nine simulated days, each learnt alone, had 0.04 to 0.5; two had 0.54 and 0.84.
 LOOSE_SHARE = 0.5
-#: Temperatures that leave a range by less than this do not leave it, K.
-SAME_K = 0.5
 #: What is warned of where a load moves (fit/segments.py), and where thermometers are exchanged
 #: (stream/thermometer_faults.py).
 _MOTION = 'swings around its levels'

@@ -5,20 +5,29 @@ Besides, the paper's performance indices of a sensor over temperature: K_s (eq. 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp import errors as refusals
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift
+from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift, StoredModel
+from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_cells
 from wrist_ft_comp.fit.segments import segment
-from wrist_ft_comp.payload.learn_at_work import learn_at_work
+from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording, Reference, require_recordings
-from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.drift_of_recordings import streamed_drift, tare_at_start
+from wrist_ft_comp.series import FloatArray, rounded
+from wrist_ft_comp.stream.drift_of_recordings import (
+    exchange_doubts,
+    streamed_drift,
+    thermometer_doubts,
+)
+from wrist_ft_comp.stream.tare import tare_at_start
+
+#: Temperatures that leave a range by less than this do not leave it, K.
+SAME_K = 0.5
 
 
 class TaredErrors(NamedTuple):
@@ -174,3 +183,28 @@ def accuracy(output: FloatArray, expected: FloatArray, full_scale: float) -> flo
     if full_scale == 0:
         raise refusals.SettingsError('The full scale of A must not be 0.')
     return float(100 * np.nanmax(np.abs(output - expected)) / abs(full_scale))
+
+
+def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:
+    """Say where thermometers leave the range of a model, are silent for long, or are doubted."""
+    sentences = []
+    pairs = zip(recording.temperature_c.T, stored.document['thermometers'], strict=False)
+    for number, (column, thermometer) in enumerate(pairs):
+        low, high = thermometer['range_c']
+        share = float(np.mean((column < low - SAME_K) | (column > high + SAME_K)))
+        if share > 0:
+            sentences.append(
+                f'Thermometer {number + 1} of {recording.name} goes from {column.min():.1f} to '
+                f'{column.max():.1f} °C; the model was learnt from {low:.1f} to {high:.1f} °C. '
+                f'For {rounded(100 * share, 2)} % of the time the correction is a guess.'
+            )
+    heard = recording.measured
+    if stored.model.prediction is not None:  # one that is silent is predicted by the others
+        heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
+    sentences += silent_stretches([replace(recording, measured=heard)])
+    doubts = thermometer_doubts(stored.model, recording) | exchange_doubts(stored.model, recording)
+    sentences += [
+        f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
+        for doubt, share in doubts.items()
+    ]
+    return tuple(sentences)

@@ -13,8 +13,8 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.folds import averaged_cells, averaged_s
 from wrist_ft_comp.fit.result import AxisFit, Calibration, HeldOut, rms_by_fold
-from wrist_ft_comp.payload.learn_at_work import Separation
 from wrist_ft_comp.payload.mounted_payloads import COUNTS
+from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, Topics
 from wrist_ft_comp.report import advice as advices

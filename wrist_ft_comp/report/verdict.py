@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from wrist_ft_comp.fit.folds import averaged_s
-from wrist_ft_comp.fit.result import Calibration, FoldErrors, HARMFUL_RATIO, SURE_SHARE
+from wrist_ft_comp.fit.result import Calibration, FoldErrors, HARMFUL_RATIO
 from wrist_ft_comp.report.evaluation import AxisEvaluation
 from wrist_ft_comp.series import rounded
 
@@ -36,6 +36,8 @@ NOISE_MARGIN = 1.5
 #: A model predicts the same drift all the time where its thermometers move by less, K: their noise
 #: and quanta are up to 0.2 K, and a calibration wants 3 K.
 SMALLEST_CHANGE_K = 0.5
+#: A time constant longer than this share of the longest recording is not sure.
+SURE_SHARE = 0.5
 
 
 @dataclass(frozen=True)

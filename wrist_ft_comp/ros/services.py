@@ -69,3 +69,8 @@ class DeferredService:
                 self._send(response, header)
 
         self._handle(self._asked.pop(id(response)), reply)
+
+
+def warned(message: str, problem: str) -> str:
+    """Add a warning to the answer of a service, where there is a problem."""
+    return f'{message}\nwarning: {problem}' if problem else message

@@ -7,10 +7,14 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.drift import drift_model
+from wrist_ft_comp.drift.drift_model import DriftModel, DriftState
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.safe_file import Kind, MAKE_ROOM, to_plain
+from wrist_ft_comp.stream import thermometer_faults
 from wrist_ft_comp.stream.temperature_gaps import ThermalMemory
+from wrist_ft_comp.stream.thermometer_faults import ThermometerState
 
 # The state of six axes with banks of filters takes a few kilobytes.
 KIND = Kind(
@@ -96,3 +100,31 @@ def _readable(value: Any) -> bool:
     if isinstance(value, list):
         return all(item is not None and _readable(item) for item in value)
     return not isinstance(value, (int, float)) or abs(value) <= _LARGEST
+
+
+def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
+    """Whether a memory, perhaps from a file, has the shapes of a model, so that it can be used."""
+    shape, start_c, reading_c = (model.thermometers,), memory.start_c, memory.temperature_c
+    rows = (reading_c, *start_c, *(mean_c for mean_c, _ in memory.history))
+    if len(memory.silent) != model.thermometers or any(row.shape != shape for row in rows):
+        return False
+    if len(memory.jumps) not in {0, model.thermometers}:
+        return False
+    if memory.period_ns != model.period_ns or not 0 < len(start_c) <= model.start_cells:
+        return False
+    thermometers = None
+    if model.prediction is not None:
+        thermometers = thermometer_faults.start(model.prediction, reading_c)
+    expected = _shapes(drift_model.start(model, reading_c), thermometers)
+    if _shapes(memory.filters, memory.thermometers) != expected:
+        return False
+    with np.errstate(all='ignore'):
+        _, drift = drift_model.run(model, memory.filters, reading_c[np.newaxis])
+    return bool(np.isfinite(drift).all())
+
+
+def _shapes(
+    filters: DriftState, thermometers: ThermometerState | None
+) -> dict[str, tuple[int, ...]]:
+    parts = {**filters, **(vars(thermometers) if thermometers else {})}
+    return {name: np.shape(part) for name, part in parts.items()}

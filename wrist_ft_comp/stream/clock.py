@@ -32,8 +32,13 @@ _SAME_LOOKS = 5
 APART_FOR_S = 30.0
 #: ... by more than a thermal cell and this, s. The node looks at wrenches ten times a second.
 _LEAST_APART_S = 1.0
+#: Specific force that comes farther than this from the wrench, s, is stamped by another clock; so
+#: is, in a bag, a wrench that is farther from its time of arrival.
+FORCE_APART_S, BAG_APART_S = 5.0, 10.0
 #: Only a wrench that came less than this before, s, is compared with.
 _FRESH_WRENCH_S = 1.0
+#: Stamps of two drivers that lie farther apart come from two clocks, s.
+SAME_CLOCK_S = 3600.0
 
 
 def leaps(step_ns: int, usual_step_ns: int) -> bool:

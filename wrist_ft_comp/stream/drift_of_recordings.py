@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, temperature_channel
+from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, run_from_rest
 from wrist_ft_comp.errors import RecordingError
@@ -167,33 +167,3 @@ def correct_many(
         for part in track.drift
     )
     return drift_model.correct(raw, Drift(zero, sensitivity), tare)
-
-
-def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> FloatArray:
-    """Tare on the first, unloaded seconds of each axis, N and N m, (6,); 0 s gives no tare."""
-    if tare_s == 0:
-        return np.zeros(len(AXES))
-    return tare_at_start(recording, 0.0, streamed_drift(model, recording), tare_s)
-
-
-def tare_at_start(
-    recording: Recording, true: FloatArray | float, drift: Drift, tare_s: float
-) -> FloatArray:
-    """
-    Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,).
-
-    It takes the first cell at least. RecordingError when the recording is shorter than the tare.
-    """
-    if tare_s > max(recording.duration_s, recording.period_s):
-        raise RecordingError(
-            f'{recording.name} lasts {recording.duration_s:.4g} s, which is shorter than the tare '
-            f'of {tare_s:g} s. Give a shorter --tare, or a longer recording.'
-        )
-    offset = recording.wrench - drift.zero - (1.0 + drift.sensitivity) * true
-    tare = np.zeros(len(AXES))
-    for column, values in enumerate(offset.T):
-        cells = np.flatnonzero(np.isfinite(values))
-        if len(cells):
-            tared = (cells - cells[0]) * recording.period_s < max(tare_s, recording.period_s)
-            tare[column] = values[cells[tared]].mean()
-    return tare

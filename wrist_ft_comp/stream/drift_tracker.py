@@ -6,10 +6,11 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream import temperature_gaps, thermometer_faults
+from wrist_ft_comp.stream import drift_bounds, temperature_gaps, thermometer_faults
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
+from wrist_ft_comp.stream.drift_bounds import SPAN_S, Uncertainty
 from wrist_ft_comp.stream.live_thermal_cells import ThermalCell, ThermalGrid
-from wrist_ft_comp.stream.temperature_gaps import SPAN_S, ThermalMemory, Uncertainty, why_forgotten
+from wrist_ft_comp.stream.temperature_gaps import ThermalMemory, why_forgotten
 from wrist_ft_comp.stream.thermometer_faults import Jump, SpikeFilter, ThermometerState
 
 #: A shorter gap is not reported, s, though the model may remember less: a thermometer may be read
@@ -184,9 +185,9 @@ class DriftTracker:
         off = self.effect(agreed_k) if agreed_k.any() else np.zeros(len(AXES))
         # After longer gaps than it remembers, such as nights, a sensor as cold as a room soaked.
         if gap_s > self.memory_s:
-            is_doubtful = bool((believed_c > temperature_gaps.warmest_room_c(self.model)).any())
+            is_doubtful = bool((believed_c > drift_bounds.warmest_room_c(self.model)).any())
         if is_doubtful and state_before is not None and len(history_c):
-            bounds = temperature_gaps.bound_drift(
+            bounds = drift_bounds.bound_drift(
                 self.model, state_before, history_c, believed_c, gap_s, self.memory_s
             )
             off = off + np.abs(bounds - self.drift.zero).max(axis=0)
@@ -194,7 +195,7 @@ class DriftTracker:
         if self._gap_s and self._cells_after == (span := self._span(self.model)):
             # Where they move otherwise than in the gap on the mean, they may have done so in it.
             after_c, gap_s = self.history_c[-span:], min(self._gap_s, self.memory_s)
-            off = off + temperature_gaps.doubt_start(self.model, after_c, gap_s, self._slope_k)
+            off = off + drift_bounds.doubt_start(self.model, after_c, gap_s, self._slope_k)
         if off.any():
             if self.uncertainty is not None:
                 off = off + self.uncertainty.left(self.end_ns, self.memory_s)
@@ -206,7 +207,7 @@ class DriftTracker:
         if not cells_before < span <= len(self.history_c):
             return np.zeros(len(AXES))
         known_k = None if self.uncertainty is None else np.zeros(self._count)
-        return temperature_gaps.doubt_start(model, self.history_c[:span], self.memory_s, known_k)
+        return drift_bounds.doubt_start(model, self.history_c[:span], self.memory_s, known_k)
 
     def _off_in_gap(self, model: DriftModel) -> FloatArray:
         """Bound what the last gap, in which no model was live, left wrong of the drift, (6,)."""
@@ -217,7 +218,7 @@ class DriftTracker:
         before_c, line_c = self.history_c[: at - gap], self.history_c[at - gap : at + 1]
         state = drift_model.at_rest(model, before_c[: model.start_cells])
         state = drift_model.skip(model, state, before_c)
-        bounds = temperature_gaps.bound_drift(
+        bounds = drift_bounds.bound_drift(
             model, state, before_c, line_c[-1], self._gap_s, self.memory_s
         )
         zero = drift_model.run(model, state, line_c)[1].zero[-1]

@@ -14,14 +14,22 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp import channels as channel_names
-from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, ROTATION_CHANNEL, temperature_channel
+from wrist_ft_comp.channels import (
+    _limits,
+    AXES,
+    FORCE_CHANNELS,
+    ROTATION_CHANNEL,
+    temperature_channel,
+    why_unusable,
+)
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import PERIODS_S, Recording, Samples
-from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, SAME_CLOCK_S
-from wrist_ft_comp.stream.clock import in_order, NO_TIME
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.stream.clock import in_order, NO_TIME, SAME_CLOCK_S
 from wrist_ft_comp.stream.temperature_gaps import fill_gaps
 from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
-from wrist_ft_comp.wire.temperature_source import TemperatureSource, unit_remedy
+from wrist_ft_comp.units import unit_remedy
+from wrist_ft_comp.wire.temperature_source import TemperatureSource
 
 #: Largest number of cells times one more than the thermometers: 24 days at 1 s with one
 #: thermometer, 10 days with four. A calibration from that many takes 1 GB.
@@ -41,19 +49,6 @@ UNIT_OF_STAMPS = (
     'Is the unit of the stamps right? Another one is named by the column, such as stamp_ms, or, '
     "of another program's log, by --time ms."
 )
-
-
-def why_unusable(channel: str, value: float) -> str:
-    """Say what is wrong with readings of a channel such as a value that no sensor makes."""
-    if not math.isfinite(value):
-        return 'not finite'
-    (low, high), unit = _limits(channel), ' °C' if channel.startswith('temperature') else ''
-    return f'outside {low:g} to {high:g}{unit}, which no sensor reads, such as {value:.4g}{unit}'
-
-
-def _limits(channel: str) -> tuple[float, float]:
-    largest, plausible_c = channel_names.LARGEST, channel_names.PLAUSIBLE_C
-    return plausible_c if channel.startswith('temperature') else (-largest, largest)
 
 
 class CellSums(NamedTuple):

@@ -6,9 +6,12 @@ import math
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit
-from wrist_ft_comp.errors import TareRefusedError
+from wrist_ft_comp.drift.drift_model import Drift, DriftModel
+from wrist_ft_comp.errors import RecordingError, TareRefusedError
+from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.drift_limits import axis_limits
+from wrist_ft_comp.stream.drift_of_recordings import streamed_drift
 
 #: Parts whose means are compared with the whole: noise averages out, motion does not.
 _PARTS = 5
@@ -82,3 +85,33 @@ class TareCollector:
                 'Hold the robot still and call again.'
             )
         return mean, (self._stamps_ns[0] + self._stamps_ns[-1]) // 2
+
+
+def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> FloatArray:
+    """Tare on the first, unloaded seconds of each axis, N and N m, (6,); 0 s gives no tare."""
+    if tare_s == 0:
+        return np.zeros(len(AXES))
+    return tare_at_start(recording, 0.0, streamed_drift(model, recording), tare_s)
+
+
+def tare_at_start(
+    recording: Recording, true: FloatArray | float, drift: Drift, tare_s: float
+) -> FloatArray:
+    """
+    Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,).
+
+    It takes the first cell at least. RecordingError when the recording is shorter than the tare.
+    """
+    if tare_s > max(recording.duration_s, recording.period_s):
+        raise RecordingError(
+            f'{recording.name} lasts {recording.duration_s:.4g} s, which is shorter than the tare '
+            f'of {tare_s:g} s. Give a shorter --tare, or a longer recording.'
+        )
+    offset = recording.wrench - drift.zero - (1.0 + drift.sensitivity) * true
+    tare = np.zeros(len(AXES))
+    for column, values in enumerate(offset.T):
+        cells = np.flatnonzero(np.isfinite(values))
+        if len(cells):
+            tared = (cells - cells[0]) * recording.period_s < max(tare_s, recording.period_s)
+            tare[column] = values[cells[tared]].mean()
+    return tare

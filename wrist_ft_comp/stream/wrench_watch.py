@@ -20,6 +20,9 @@ _RECOVERY = 0.2
 #: An axis lives where at least this share of its looks in the last 5 s showed a new value. Of a
 #: sensor whose steps are as coarse as its noise, half do.
 _LIVELY_SHARE = 0.8
+#: What a free sensor reads is known to this many standard deviations of the model, but not better
+#: than the second, N, and to the third on axes without a model.
+_CERTAIN, _RESOLVED_N, _UNKNOWN_N = 3.0, 0.2, 0.5
 #: A load at rest scatters by less than this, N.
 _REST_N = 0.5
 
@@ -57,15 +60,17 @@ class SensorWatch:
         change = np.where(np.append(stuck, held.all()), 1.0, -_RECOVERY)
         self._still = np.clip(self._still + change, 0.0, 2 * LOOKS)
 
-    def zeroed(self, free: FloatArray, off: FloatArray) -> bool:
+    def zeroed(self, free: FloatArray, deviation: FloatArray) -> bool:
         """
         Whether a reading at rest jumped to zero on all axes between two looks, a second ago.
 
-        ``free`` is what the sensor is to read without a load, N and N m, (6,), and ``off`` how far
-        that may be wrong: where it is near zero, a load was let go.
+        ``free`` is what the sensor is to read without a load, N and N m, (6,), and ``deviation``
+        that of the model, NaN where there is none: where it is near zero, a load was let go.
         """
         if len(self._lately) < 2 * _RUN_LOOKS:
             return False
+        off = np.fmax(_CERTAIN * deviation, axis_limits(_RESOLVED_N))
+        off = np.where(np.isnan(deviation), axis_limits(_UNKNOWN_N), off)
         parts = np.array(self._lately).reshape(2, _RUN_LOOKS, len(AXES))
         (before, now), scatter = parts.mean(axis=1), parts.std(axis=1)
         # Zeros to the last bit are those of a broken sensor.

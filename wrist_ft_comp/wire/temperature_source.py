@@ -23,16 +23,10 @@ from typing import TypeVar
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.units import TEMPERATURE_UNITS, to_celsius
 from wrist_ft_comp.wire.numbers_in_messages import Layout, Path
 
 _Number = TypeVar('_Number', float, FloatArray)
-#: Factor and offset to °C of every unit of temperatures.
-TEMPERATURE_UNITS = {'C': (1.0, 0.0), 'K': (1.0, -273.15), 'F': (5 / 9, -160 / 9)}
-#: Other units, in which a reading may be that is implausible in °C.
-_OTHER_UNITS = {'degrees Fahrenheit': 'F', 'kelvins': 'K'}
-#: Usual temperatures of a robot's wrist, °C: a reading is probably in another unit if conversion
-#: from that unit brings it into this range.
-_LIKELY_C = (-40.0, 85.0)
 #: The field of a sensor_msgs/Temperature.
 _PLAIN: Path = ('temperature',)
 _NAME_PART = r'(?![0-9])(?:[A-Za-z0-9_]|\{(?:node|ns|namespace)\})+'
@@ -52,30 +46,6 @@ _FORM = (
     'expected TOPIC of sensor_msgs/Temperature, or TOPIC:FIELD, TOPIC:FIELD*FACTOR or '
     'TOPIC:FIELD:UNIT, such as /driver/state:joints[2].temperature:K'
 )
-
-
-def to_celsius(numbers: _Number, unit: str) -> _Number:
-    """Convert a number, or an array of numbers, from C, K or F to °C."""
-    factor, offset = TEMPERATURE_UNITS[unit]
-    return numbers if unit == 'C' else numbers * factor + offset
-
-
-def other_unit(value: float, lower_c: float, upper_c: float) -> str:
-    """Guess the unit in which a temperature that is far off would lie as expected, or empty."""
-    names = _OTHER_UNITS.items()
-    return next((n for n, unit in names if lower_c <= to_celsius(value, unit) <= upper_c), '')
-
-
-def unit_remedy(value: float, in_unit: Callable[[str], str]) -> str:
-    """
-    Say what to do about a temperature, °C, that is probably in another unit.
-
-    ``in_unit`` writes the name, a column or an entry, that reads the same number in unit K or F.
-    """
-    if not (name := other_unit(value, *_LIKELY_C)):
-        return 'Check it and its unit.'
-    unit = _OTHER_UNITS[name]
-    return f'In {name} it would be {to_celsius(value, unit):.1f} °C: then name it {in_unit(unit)}.'
 
 
 @dataclass(frozen=True)

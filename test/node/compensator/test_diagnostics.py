@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from wrist_ft_comp.node.wrench_topics import Counts, WrenchInput
+from wrist_ft_comp.node.raw_wrench import Counts, WrenchInput
 from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator

@@ -17,8 +17,8 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node import external_wrench
 from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.payload_choice import PayloadChoice
+from wrist_ft_comp.node.raw_wrench import Counts
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
 from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stored.payload_file import add_payloads

@@ -14,8 +14,8 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.drift.drift_model import no_drift, ThermometerPrediction
-from wrist_ft_comp.node import wrench_topics
-from wrist_ft_comp.node.wrench_topics import Counts, WrenchInput
+from wrist_ft_comp.node import raw_wrench
+from wrist_ft_comp.node.raw_wrench import Counts, WrenchInput
 from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import WRENCH
@@ -161,7 +161,7 @@ def test_a_silent_sensor_may_have_another_zero(fake_hub, monkeypatch, stamped_s,
     A tare from before a restart is in doubt where the first wrench comes late.
     """
     clock, counts, said = [0.0], Counts(), []
-    monkeypatch.setattr(wrench_topics, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr(raw_wrench, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
     stream = SimpleNamespace(
         doubt_zero=said.append, compensation=no_drift(), tare=0.0, zero_doubts=['some'],
         tared=stamped_s != 'first, not tared',
@@ -234,7 +234,7 @@ class TestWrench:
             assert words not in node.diagnosis('output').message
 
     def test_two_nodes_of_one_name_warn_both(self, warm, monkeypatch, tmp_path):
-        monkeypatch.setattr('wrist_ft_comp.node.wrench_topics._TWINS_S', 0.2)
+        monkeypatch.setattr('wrist_ft_comp.node.drift_topic._TWINS_S', 0.2)
         node = warm()
         twin = warm(namespace=node.namespace, directory=tmp_path / 'other')
         for one in (node, twin):

@@ -2,7 +2,7 @@
 
 HEAVY = (
     'matplotlib', 'rosbags', 'pandas', 'scipy', 'jinja2', 'rich', 'wrist_ft_comp.cli',
-    'wrist_ft_comp.fit.averaging', 'wrist_ft_comp.fit.calibrate', 'wrist_ft_comp.report',
+    'wrist_ft_comp.fit.auto_method', 'wrist_ft_comp.fit.calibrate', 'wrist_ft_comp.report',
     'wrist_ft_comp.simulation',
 )  # fmt: skip
 #: A node with a model gets temperatures and a wrench, swaps its model, and tells what is imported.

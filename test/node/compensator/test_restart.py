@@ -8,9 +8,9 @@ from moments import SECOND, START
 import numpy as np
 import pytest
 
+from wrist_ft_comp.node.raw_wrench import Counts
 from wrist_ft_comp.node.warm_restart import StateKeeper
-from wrist_ft_comp.node.wrench_topics import Counts
-from wrist_ft_comp.stored.file_writer import FileWriter
+from wrist_ft_comp.stored.background_writer import FileWriter
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 

@@ -1,25 +1,21 @@
-"""The topics of wrenches: wrench_raw is judged, ~/drift and ~/correction are published."""
+"""The raw wrenches: they are judged, and what has come of them is counted."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 import time
 from typing import Any
 
-from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, axis_unit, LARGEST
+from wrist_ft_comp.channels import AXES, LARGEST, why_unusable
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, STALE, Status, WARN
+from wrist_ft_comp.ros.diagnostics import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub, Part
-from wrist_ft_comp.ros.topics import why_silent, wrench_message
-from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.ros.topics import why_silent
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import WrenchStamps
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.drift_limits import axis_limits
-from wrist_ft_comp.stream.live_thermal_cells import ThermalCell
-from wrist_ft_comp.stream.recorded_thermal_cells import why_unusable
 from wrist_ft_comp.stream.wrench_watch import SensorWatch
 from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 
@@ -27,12 +23,6 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 _AWAY_S = 5.0
 #: A node that did not look for longer, s, was held up itself: nobody knows whether wrenches came.
 _HELD_UP_S = 3.0
-#: Two nodes of one name are said when they have been there for this time, s: one that was killed
-#: stays in the graph for 20 s with Fast DDS.
-_TWINS_S = 30.0
-#: What a free sensor reads is known to this many standard deviations of the model, but not better
-#: than the second, N, and to the third on axes without a model.
-_CERTAIN, _RESOLVED_N, _UNKNOWN_N = 3.0, 0.2, 0.5
 
 
 @dataclass
@@ -97,9 +87,9 @@ class WrenchInput(Part):
         self._looked_s = self._quiet_s = 0.0
         #: Number and stamp of the wrench that was looked at last, ns, and the first frame_id.
         self._looked_at, self._stamp_ns, self._frame = 0, 0, ''
+        #: Standard deviation of the model, N and N m, (6,), NaN where there is none.
+        self._deviation: FloatArray = np.full(len(AXES), np.nan)
         self._growth = Growth()
-        #: How far what a free sensor is to read may be wrong, N and N m, (6,).
-        self._off = axis_limits(_UNKNOWN_N)
 
     def admits(self, raw: Sequence[float]) -> bool:
         """
@@ -150,7 +140,7 @@ class WrenchInput(Part):
         self.sensor.look(np.nan_to_num(raw).tolist())
         # What a free sensor reads is known as long as the tare is not in doubt.
         free = compensator.compensation.zero + compensator.tare
-        if not compensator.zero_doubts and self.sensor.zeroed(free, self._off):
+        if not compensator.zero_doubts and self.sensor.zeroed(free, self._deviation):
             compensator.doubt_zero(
                 'the raw wrench jumped to zero on all axes at once: a program or the driver may '
                 'have zeroed the sensor; call ~/tare'
@@ -162,9 +152,7 @@ class WrenchInput(Part):
         counts, sensor, stream = self._counts, self.sensor, self._compensator
         topic = self.hub.resolve_topic_name('wrench_raw')
         if stream.model is not None and stream.tracker.temperature_c is not None:
-            deviation = stream.model.uncertainty(stream.tracker.temperature_c)
-            known = np.fmax(_CERTAIN * deviation, axis_limits(_RESOLVED_N))
-            self._off = np.where(np.isnan(deviation), axis_limits(_UNKNOWN_N), known)
+            self._deviation = stream.model.uncertainty(stream.tracker.temperature_c)
         ends = self.hub.get_publishers_info_by_topic(topic)
         drivers = {bytes(end.endpoint_gid).hex() for end in ends}
         if drivers and drivers.isdisjoint(counts.drivers):
@@ -247,108 +235,3 @@ class WrenchInput(Part):
             yield 'stamps leapt ahead; was a clock set?'
         if self.stamps.missing and self._counts.newest is not None:
             yield f'wrenches come without stamps; {arrival(self._counts.newest[0])}'
-
-
-class DriftTopic(Part):
-    """
-    Publishes the zero drift once per thermal cell, and the correction; judges what is subtracted.
-
-    The correction is the compensated minus the raw wrench of the newest wrench. A controller that
-    adds its last message to each raw wrench, such as admittance_controller by its
-    ~/wrench_reference, is compensated without the wrench going through this node.
-    """
-
-    title, logged = 'output', True
-    topics = (
-        ('~/drift', 'zero drift being subtracted, once per thermal cell'),
-        ('~/correction', 'compensated minus raw, ten times a second: what controllers add'),
-    )
-
-    def __init__(self, compensator: Compensator, counts: Counts) -> None:
-        self._compensator, self._counts, self._growth = compensator, counts, Growth()
-        #: When this node was the only one of its name last, by the steady clock, s.
-        self._alone_s = time.monotonic()
-
-    def start(self) -> None:
-        """Offer the topics."""
-        self.drift = self.hub.advertise(WrenchStamped, '~/drift')
-        self.correction = self.hub.advertise(WrenchStamped, '~/correction')
-
-    def on_cells(self, _cells: Sequence[ThermalCell], stamp_ns: int) -> None:
-        """Publish what is subtracted at the end of cells."""
-        if self._compensator.compensating:
-            zero = self._compensator.compensation.zero
-            self.drift.publish(wrench_message(stamp_ns, self.hub.hardware_id(), zero))
-
-    def poll(self) -> None:
-        """
-        Publish the correction, unless there was no wrench yet or the drift has not been found.
-
-        Then the controller holds the last one, which a restarted node sent before it ended.
-        Without a model the parameter ``uncalibrated`` decides, as it does for the wrench.
-        """
-        stream, newest = self._compensator, self._counts.newest
-        waits = stream.model is not None and not stream.compensating
-        if newest is None or waits or is_silent(self.hub, stream):
-            return
-        stamp_ns, raw, _ = newest
-        correction = np.subtract(stream.correct(stamp_ns, raw), raw)
-        self.correction.publish(wrench_message(stamp_ns, self.hub.hardware_id(), correction))
-
-    def statuses(self) -> Iterator[Status]:
-        """Report what is subtracted, whether it hits a limit, and another node of this name."""
-        hub, stream, counts = self.hub, self._compensator, self._counts
-        own = hub.get_name(), hub.get_namespace()
-        if hub.get_node_names_and_namespaces().count(own) <= 1:
-            self._alone_s = time.monotonic()
-        grown, _ = self._growth.since(failed=counts.failed, wrenches=counts.wrenches)
-        comes = 'wrenches' in self._growth.lately()
-        tare = 'active' if stream.tared else 'none'
-        if not stream.tared and stream.tare.any():
-            kept = np.linalg.norm(stream.tare[:3])
-            tare = f'none; {kept:.2g} N are kept, so that the change of model made no step'
-        numbers = {'published': str(counts.published), 'tare': tare}
-        columns: dict[str, Any] = {'drift': stream.compensation.zero, 'tare': stream.tare}
-        if stream.model is not None and stream.tracker.temperature_c is not None:
-            known = np.array([axis in stream.model.axes for axis in AXES])
-            deviation = stream.model.uncertainty(stream.tracker.temperature_c)
-            columns['drift_deviation'] = np.where(known, deviation, math.nan)
-        if (newest := counts.newest) is not None and comes:
-            columns |= {'raw': newest[1], 'compensated': stream.correct(*newest[:2])}
-        for name, values in columns.items():
-            numbers |= {
-                f'{axis}_{name}': f'{value:.4g} {axis_unit(axis)}'
-                for axis, value in zip(AXES, values, strict=True)
-                if not math.isnan(value)
-            }
-        for axis, share in zip(AXES, stream.compensation.sensitivity, strict=True):
-            numbers[f'{axis}_sensitivity'] = f'{100 * share:.3g} %'
-        status = doubtful(
-            self.title, self._doubts(grown['failed'], comes=comes), 'compensated', numbers
-        )
-        is_error = grown['failed'] or stream.limits.too_large
-        yield replace(status, level=ERROR) if is_error else status
-
-    def _doubts(self, failed: int, *, comes: bool) -> Iterator[str]:
-        """Say what is wrong with what is published, the worst first."""
-        stream = self._compensator
-        if self._counts.newest is not None and not comes:
-            yield 'nothing is published, because no usable wrench comes; see the status input'
-        large, fast = map(', '.join, (stream.limits.too_large, stream.limits.too_fast))
-        if failed:
-            yield f'wrenches were lost by a fault of this program: {self._counts.fault}'
-        if large:
-            yield f'drift of {large} is at its limit'
-        if time.monotonic() - self._alone_s > _TWINS_S:
-            name = self.hub.get_fully_qualified_name()
-            yield f'two nodes are called {name}, and both publish; end one, or rename it'
-        if fast:
-            yield f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
-        if not stream.compensating:
-            yield 'not compensated: no model or no temperature yet'
-        elif stream.model is not None and not stream.model.axes:
-            yield 'not compensated: the model compensates no axis'
-        yield from filter(None, [self.hub.incompatible.get('wrench')])
-        yield from stream.zero_doubts
-        if not stream.tared:
-            yield 'no tare: wrench still holds the zero of the sensor; call ~/tare'

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit import auto as ridges
+from wrist_ft_comp.fit import auto_method as ridges
 from wrist_ft_comp.fit.result import HeldOut, rms_by_fold
 from wrist_ft_comp.fit.settings import IdentificationSettings
 
