@@ -99,8 +99,9 @@ class PayloadChoice:
                 'wrench is not known: this sensor has learnt no payload yet, and their frame_ids '
                 'differ. Call ~/identify_payload first; that takes a minute of motion.'
                 if here.force_frame and here.wrench_frame
-                else f'payload.active is {MANUAL}, and the frame_ids of IMU and wrench are not '
-                'known, because no message of both has come. Set it when the IMU sends.'
+                else f'payload.active is {MANUAL}, and the frame_ids of IMU and wrench have not '
+                'come yet. Set it when they have, if they are the same; if they are not: '
+                'Call ~/identify_payload first; that takes a minute of motion.'
             )
         learnt = self.payloads()
         if name not in learnt:

@@ -60,7 +60,7 @@ class WeightCheck:
         self._poses: deque[FloatArray] = deque(maxlen=_KEPT)
         #: Forces and weights between which the force changed, N, (2, 3) each.
         self._moves: deque[FloatArray] = deque(maxlen=_FORCES)
-        #: How often in a row the torque showed another centre of mass: a contact may do it once.
+        #: How much oftener the torque showed another centre of mass than not: a contact may.
         self._shifted = 0
         #: How often in a row these showed a weight that turns otherwise than specific force says.
         self._alone = 0
@@ -183,7 +183,7 @@ class WeightCheck:
         off = np.median(np.linalg.norm(torque, axis=1))
         distance_m = float(np.linalg.norm(shift))
         is_shifted = distance_m > _LEAST_SHIFT_M and rest < _UNEXPLAINED_SHARE * off
-        self._shifted = self._shifted + 1 if is_shifted else 0
+        self._shifted = int(np.clip(self._shifted + (1 if is_shifted else -1), 0, 2 * _FEWEST))
         if self._shifted > _FEWEST or (is_shifted and self.found):
             return (
                 f'the torque moves as if the centre of mass were {1e3 * distance_m:.0f} mm from '
