@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 import re
 import shlex
+from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, axis_unit, temperature_channel
+from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY, temperature_channel
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.payload.mass_and_center import describe_force, ForceSummary
+from wrist_ft_comp.payload.mass_and_center import CONTRAST
 from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings import bag_topics, read
 from wrist_ft_comp.recordings.bag import Bag, uppermost_frame
@@ -19,11 +20,26 @@ from wrist_ft_comp.recordings.bag_topics import RAW_WRENCH, TEMPERATURE, TF
 from wrist_ft_comp.recordings.column_proposal import OPEN
 from wrist_ft_comp.recordings.read_options import MAP_FILE, parse_options
 from wrist_ft_comp.report.advice import run_command
-from wrist_ft_comp.series import part_of, Progress
+from wrist_ft_comp.series import FloatArray, part_of, Progress
 from wrist_ft_comp.wire.temperature_source import parse_source
 
 REFERENCE = 'reference'
 SPECIFIC_FORCE = 'specific force'
+
+
+class ForceSummary(NamedTuple):
+    """How the specific force of a recording moved, m/s²."""
+
+    #: Root mean square over all samples.
+    norm: float
+    #: Standard deviations along the three principal directions, largest first, scaled to a norm of
+    #: GRAVITY.
+    spread: tuple[float, float, float]
+
+    @property
+    def seen(self) -> int:
+        """Number of directions along which gravity moved; a payload needs two."""
+        return sum(deviation > CONTRAST for deviation in self.spread)
 
 
 @dataclass(frozen=True)
@@ -214,3 +230,14 @@ def commands(summary: RecordingSummary, path: Path) -> list[str]:
     calibrate += ['--report', f'{Path(model).stem}.html', *words]
     evaluate += ['--report', 'evaluation.html', *words]
     return [shlex.join(calibrate), shlex.join(evaluate), run_command(topics, model)]
+
+
+def describe_force(force: FloatArray) -> ForceSummary | None:
+    """Describe the finite samples of a specific force, m/s², (n, 3); None without any."""
+    force = force[np.isfinite(force).all(axis=1)]
+    if not len(force):
+        return None
+    norm = float(np.sqrt(np.mean(np.sum(force**2, axis=1))))
+    moved = np.linalg.eigvalsh(np.cov(force.T, bias=True))[::-1]
+    largest, middle, least = np.sqrt(np.maximum(moved, 0)) * (GRAVITY / norm if norm else 0.0)
+    return ForceSummary(norm, (float(largest), float(middle), float(least)))

@@ -14,8 +14,8 @@ from wrist_ft_comp.learning import model_choice as choices
 from wrist_ft_comp.learning.day_at_work import Day, look_at
 from wrist_ft_comp.learning.day_choice import MOST_DAYS, prune
 from wrist_ft_comp.learning.day_files import day_number, goes_on, LARGEST_BYTES, size_of
+from wrist_ft_comp.learning.days_set_aside import pause
 from wrist_ft_comp.learning.diary import Diary, load_diary, save_diary
-from wrist_ft_comp.learning.incidents import pause
 from wrist_ft_comp.learning.model_choice import Champion
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.html_page import page, REPORT

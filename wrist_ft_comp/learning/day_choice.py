@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from wrist_ft_comp.learning.day_files import days, size_of
+from wrist_ft_comp.learning.days_set_aside import DAYS_TO_AGREE, LEARNT_FROM
 from wrist_ft_comp.learning.diary import DayEntry, Diary, NONE
-from wrist_ft_comp.learning.incidents import DAYS_TO_AGREE, LEARNT_FROM
 from wrist_ft_comp.stored.safe_file import writing
 
 #: Fewest days that a model is learnt from.

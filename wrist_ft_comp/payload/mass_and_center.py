@@ -11,13 +11,11 @@ standard errors of the bodies contain that error, and grow with what no rigid bo
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.weight import FARTHEST_M, MOST_KG, Payload
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, ROUNDING
@@ -206,29 +204,3 @@ def _gains_of(bodies: FloatArray, rotation: FloatArray) -> FloatArray:
     torque = np.cross(bodies[:, None, 1:], rotation.T)  # columns of [c]× R, as rows
     force = np.broadcast_to(rotation.T, torque.shape)
     return np.asarray(-bodies[:, :1, None] * np.concatenate((force, torque), axis=-1))
-
-
-class ForceSummary(NamedTuple):
-    """How the specific force of a recording moved, m/s²."""
-
-    #: Root mean square over all samples.
-    norm: float
-    #: Standard deviations along the three principal directions, largest first, scaled to a norm of
-    #: GRAVITY.
-    spread: tuple[float, float, float]
-
-    @property
-    def seen(self) -> int:
-        """Number of directions along which gravity moved; a payload needs two."""
-        return sum(deviation > CONTRAST for deviation in self.spread)
-
-
-def describe_force(force: FloatArray) -> ForceSummary | None:
-    """Describe the finite samples of a specific force, m/s², (n, 3); None without any."""
-    force = force[np.isfinite(force).all(axis=1)]
-    if not len(force):
-        return None
-    norm = float(np.sqrt(np.mean(np.sum(force**2, axis=1))))
-    moved = np.linalg.eigvalsh(np.cov(force.T, bias=True))[::-1]
-    largest, middle, least = np.sqrt(np.maximum(moved, 0)) * (GRAVITY / norm if norm else 0.0)
-    return ForceSummary(norm, (float(largest), float(middle), float(least)))

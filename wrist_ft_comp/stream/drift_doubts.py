@@ -102,9 +102,18 @@ def jump_doubts(tracker: DriftTracker) -> list[str]:
         for i, j in pairs
     ]
     for j, spikes in enumerate(tracker.spikes):
-        doubt = spikes.doubt(tracker.end_ns, memory_s)
-        if doubt and not any(j in pair for pair in pairs):
-            said.append(f'thermometer {j + 1} {doubt}')
+        if any(j in pair for pair in pairs):
+            continue
+        if spikes.stayed_k:  # it acts for as long as it lasts, whatever the model remembers
+            said.append(
+                f'thermometer {j + 1} jumped by {spikes.stayed_k:.1f} K and stayed there; is it '
+                'loose? Mend it, or tare where it is to stay so'
+            )
+        elif spikes.jump.off_k and spikes.remembered_s(tracker.end_ns, memory_s):
+            said.append(
+                f'thermometer {j + 1} was off by {spikes.jump.off_k:.1f} K until it jumped back; '
+                f'the model remembers that for {memory_s / 60:.0f} min'
+            )
     return said
 
 

@@ -167,7 +167,7 @@ class DriftTracker:
         # Run the model through the gap, on a straight line, and through the cell.
         line_c = believed_c[np.newaxis]
         if gap and self.temperature_c is not None:
-            line_c = np.linspace(self.temperature_c, believed_c, gap + 2)[1:].astype(float)
+            line_c = temperature_gaps.line_over_gap(self.temperature_c, believed_c, gap)
             if gap_s > temperature_gaps.LEAST_GAP_S:
                 self._gap_s, self._slope_k = gap_s, line_c[1] - line_c[0]
                 self._cells_after = 0

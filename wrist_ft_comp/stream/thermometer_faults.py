@@ -122,20 +122,6 @@ class SpikeFilter:
         age_s = (now_ns - self.jump.at_ns) / NANOSECONDS
         return max(memory_s - age_s, 0.0)
 
-    def doubt(self, now_ns: int, memory_s: float) -> str:
-        """Say what it read since the last tare that moves the zero; empty if nothing does."""
-        if self.stayed_k:  # it acts for as long as it lasts, whatever the model remembers
-            return (
-                f'jumped by {self.stayed_k:.1f} K and stayed there; is it loose? Mend it, or tare '
-                'where it is to stay so'
-            )
-        if self.jump.off_k and self.remembered_s(now_ns, memory_s):
-            return (
-                f'was off by {self.jump.off_k:.1f} K until it jumped back; the model remembers '
-                f'that for {memory_s / 60:.0f} min'
-            )
-        return ''
-
     @property
     def leaves_out(self) -> bool:
         """Whether the newest reading was left out."""
