@@ -151,6 +151,18 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
     assert stated == {True, False}
 
 
+def test_a_gap_without_a_model_is_doubted_beside_a_warm_start(make_model):
+    said = []
+    for gap_s in (0, 400):
+        late = Compensator(1)
+        for second in (*range(1900), *range(1900 + gap_s, 2400)):
+            celsius = 35.0 + 0.5 * math.sin(second / 100)
+            late.add_temperature(0, START + second * SECOND, celsius)
+        late.go_live(doubting(make_model))
+        said.append(late.tracker.uncertainty.left(late.tracker.end_ns, late.tracker.memory_s)[2])
+    assert said[1] > 2 * said[0]
+
+
 @pytest.mark.parametrize(
     ('start_c', 'past_k_s', 'rate_k_s', 'is_said'),
     [

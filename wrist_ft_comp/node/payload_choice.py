@@ -100,8 +100,8 @@ class PayloadChoice:
                 'differ. Call ~/identify_payload first; that takes a minute of motion.'
                 if here.force_frame and here.wrench_frame
                 else f'payload.active is {MANUAL}, and the frame_ids of IMU and wrench have not '
-                'come yet. Set it when they have, if they are the same; if they are not: '
-                'Call ~/identify_payload first; that takes a minute of motion.'
+                'come yet. Set it when they have, if they are the same; where they differ, call '
+                '~/identify_payload first; that takes a minute of motion.'
             )
         learnt = self.payloads()
         if name not in learnt:

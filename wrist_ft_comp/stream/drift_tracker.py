@@ -264,6 +264,7 @@ class DriftTracker:
             self._forget()
             self.history_c, self.uncertainty = history_c, uncertainty
             self._gap_s, self._cells_after = gap_s, cells_after
+        was_live = self.model is not None
         self.model, self.state, self.awaited, self._exchanged = model, None, None, {}
         self.memory_s = temperature_gaps.longest_gap_s(model)
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
@@ -272,13 +273,17 @@ class DriftTracker:
         if model is not None and len(self.history_c):
             self._run(model, self.history_c)
             self.origin = f'the drift was found from {len(self.history_c)} thermal cells before'
-            for since, off in (
-                (self._span(model), self._off_at_start(model, 0)),
-                (len(self.history_c) - self._cells_after, self._off_in_gap(model)),
-            ):
-                if off.any() and self.uncertainty is None:
-                    since_ns = self.end_ns - (len(self.history_c) - since) * model.period_ns
-                    self.uncertainty = Uncertainty(since_ns, off)
+            begun_ns = self.end_ns - len(self.history_c) * model.period_ns
+            off = self._off_at_start(model, 0)
+            if off.any() and self.uncertainty is None:
+                self.uncertainty = Uncertainty(begun_ns + self._span(model) * model.period_ns, off)
+            # A model that was live in the gap, or after it, has bounded it.
+            if not was_live and (off := self._off_in_gap(model)).any():
+                since_ns = self.end_ns - self._cells_after * model.period_ns
+                if self.uncertainty is not None:
+                    since_ns = max(since_ns, self.uncertainty.since_ns)
+                    off = off + self.uncertainty.left(since_ns, self.memory_s)
+                self.uncertainty = Uncertainty(since_ns, off)
         before, prediction = self.thermometers, None if model is None else model.prediction
         if prediction is None:
             self.thermometers = None

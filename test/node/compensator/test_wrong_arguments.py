@@ -63,7 +63,7 @@ def test_a_wrong_value_gets_its_sentence(ros_context, tmp_path, given, words):
         ([*IMU, '-p', 'payload.active:=nail'], r'was learnt (there is none yet); got nail'),
         (
             [*IMU, '-p', 'payload.active:=manual', '-p', 'payload.mass:=1.5'],
-            'Call ~/identify_payload first; that takes a minute of motion',
+            '~/identify_payload first; that takes a minute of motion',
         ),
     ],
 )
