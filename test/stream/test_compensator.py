@@ -320,6 +320,22 @@ class TestTare:
                 said = '1 and 2 jumped at once, one up as far' in ''.join(compensator.zero_doubts)
                 assert said == (second < 600)
 
+    @pytest.mark.parametrize(('before', 'after'), [(1, 0), (0, 1), (0, 0)])
+    def test_thermometers_that_are_exchanged_while_the_node_is_off_are_said(
+        self, make_model, before, after
+    ):
+        model = make_model({'force_z': (0.4, 0.0, 30.0)}, thermometers=2)
+        first, second = (Compensator(2, model=model) for _ in range(2))
+        for compensator, order, begin in ((first, before, 0), (second, after, 400)):
+            for at in range(begin, begin + 100):
+                for j in (0, 1):
+                    celsius = 28.0 - 8.0 * (j == order) + at / 400
+                    compensator.add_temperature(j, at * SECOND, celsius)
+            if begin == 0:
+                second.resume(first.memory(), 0.0)
+        said = '1 and 2 jumped at once, one up as far' in ''.join(second.zero_doubts)
+        assert said == (before != after)
+
     def test_a_tare_is_kept_by_cells_of_its_own_time(self, model):
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 60))

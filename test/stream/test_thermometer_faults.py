@@ -327,6 +327,18 @@ def test_two_that_are_exchanged_are_named(learn, make_day):
         assert sum(of_file.values()) == pytest.approx(10 * len(said) / CELLS, abs=0.03)
 
 
+def test_two_that_are_put_back_while_they_read_the_same_are_exchanged_no_more(learn, make_day):
+    model, day, begin = learn(3).model, make_day(11), 520
+    back = begin + int(np.argmin(np.abs(np.diff(day.temperature_c[begin:700, :2])[:, 0])))
+    temperature_c = day.temperature_c.copy()
+    temperature_c[begin:back] = temperature_c[begin:back, [1, 0, 2]]
+    compensator, said = Compensator(3, model=model), {}
+    for end in (back, back + 150, CELLS):
+        stream(compensator, replace(day, temperature_c=temperature_c), max(said, default=0), end)
+        said[end] = any('jumped at once, one up' in why for why in compensator.zero_doubts)
+    assert list(said.values()) == [True, True, False]
+
+
 def test_one_that_is_replaced_stays_so_under_another_model_and_over_a_restart(learn, make_day):
     model, day = learn(3).model, failing(make_day(7), 'frozen')
     compensator = Compensator(3, model=model)

@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.series import FloatArray, IntArray
 
 #: The weight has changed where its force differs by this, N: seven times the noise of common
 #: sensors, 0.3 N.
@@ -106,8 +106,7 @@ class WeightCheck:
         forces, radius_n = _distinct(forces), np.median(np.linalg.norm(weights, axis=1))
         if len(forces) < _DIRECTIONS:
             return False
-        rng = np.random.default_rng(0)
-        fours = np.array([rng.choice(forces, 4, replace=False) for _ in range(_TRIPLES)])
+        fours = forces[_draws(4, len(forces))]
         # Of four points, those less the first: 2 (p - q) · center = p² - q².
         rows, squares = 2 * (fours[:, 1:] - fours[:, :1]), np.sum(fours**2, axis=2)
         centers = np.linalg.pinv(rows) @ (squares[:, 1:] - squares[:, :1])[..., np.newaxis]
@@ -121,8 +120,7 @@ class WeightCheck:
             return None
         changes = np.array(self._changes)
         force, weight = changes[:, 0, :3], changes[:, 1, :3]
-        rng = np.random.default_rng(0)
-        triples = np.array([rng.choice(len(changes), 3, replace=False) for _ in range(_TRIPLES)])
+        triples = _draws(3, len(changes))
         turns = _fit_turns(force[triples], weight[triples])
         moved = np.einsum('tij,nj->tni', turns, weight)
         medians = np.median(np.linalg.norm(force - moved, axis=2), axis=1)
@@ -214,6 +212,11 @@ class HiddenWeight:
         elif tared_s > self._hidden_s:
             self._hidden_s = math.inf
         return now_s - self._hidden_s > _SHOWN_S
+
+
+def _draws(few: int, count: int) -> IntArray:
+    """Draw different numbers below a count, (_TRIPLES, few); the same ones every time."""
+    return np.random.default_rng(0).random((_TRIPLES, count)).argsort(axis=1)[:, :few]
 
 
 def _distinct(forces: Iterable[FloatArray]) -> FloatArray:

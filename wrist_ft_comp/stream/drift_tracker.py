@@ -144,6 +144,10 @@ class DriftTracker:
         is_doubtful = not goes_on or gap_s > temperature_gaps.LEAST_GAP_S
         gap = max(gap, 0) if goes_on else 0
 
+        if gap_s > 0 and self.reading_c is not None:
+            after = cell.number * self.grid.period_ns, cell.temperature_c
+            thermometer_faults.note_exchange(self.spikes, (self.end_ns, self.reading_c), after)
+
         # Which thermometers are believed; the others are predicted.
         believed_c = cell.temperature_c
         agreed_k: FloatArray = np.zeros(self._count)
@@ -161,6 +165,9 @@ class DriftTracker:
             replaced = self.thermometers.replaced.tolist()
             for spikes, is_replaced in zip(self.spikes, replaced, strict=True):
                 spikes.replace(self.end_ns, is_replaced=is_replaced)
+            thermometer_faults.end_exchange(
+                self.spikes, prediction, self.thermometers, self.end_ns
+            )
             believed_again = state.replaced & ~self.thermometers.replaced
             agreed_k = np.where(believed_again, prediction.agree_k, 0.0)
 

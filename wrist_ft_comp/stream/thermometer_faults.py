@@ -153,7 +153,7 @@ class SpikeFilter:
         if not _apart(believed.last, sample):
             self._believed, self._other = _Run(believed.begin_ns, sample, believed.count + 1), None
             if agrees:
-                self._note_jump(stamp_ns, temperature_c - believed_c)
+                self.note_jump(stamp_ns, temperature_c - believed_c)
             return True
         begin_ns = other.begin_ns if other is not None and agrees else stamp_ns
         lasted_ns = believed_ns - believed.begin_ns
@@ -170,17 +170,23 @@ class SpikeFilter:
         self.first = int(believed.begin_ns), believed_c
         self.strange_c, self.believed_c = believed_c, temperature_c
         if lasted_ns > _START_S * NANOSECONDS:  # which of both is the wrong one?
-            self._note_jump(stamp_ns, temperature_c - believed_c)
+            self.note_jump(stamp_ns, temperature_c - believed_c)
         return True
 
-    def _note_jump(self, stamp_ns: int, by_k: float) -> None:
+    def note_jump(self, stamp_ns: int, by_k: float) -> None:
+        """Take a jump to a temperature that is believed, unless a prediction is used instead."""
         if not self._is_replaced:
             self.jump = Jump(self.jump.by_k + by_k, stamp_ns, off_k=self.stayed_k)
 
+    def end_jump(self, now_ns: int) -> None:
+        """Take that a jump that stayed has ended."""
+        if self.stayed_k:
+            self.jump = Jump(0.0, now_ns, off_k=self.stayed_k)
+
     def replace(self, now_ns: int, *, is_replaced: bool) -> None:
         """Let the drift follow a prediction, or the readings again; a jump that stayed ends so."""
-        if is_replaced and not self._is_replaced and self.stayed_k:
-            self.jump = Jump(0.0, now_ns, off_k=self.stayed_k)
+        if is_replaced and not self._is_replaced:
+            self.end_jump(now_ns)
         self._is_replaced = is_replaced
 
     def admit_all(
@@ -213,6 +219,25 @@ def exchanged_by_jumps(spikes: Sequence[SpikeFilter]) -> list[tuple[int, int]]:
         if alike and abs(apart_ns) <= _AT_ONCE_S * NANOSECONDS:
             pairs.append((i, j))
     return pairs
+
+
+def note_exchange(
+    spikes: Sequence[SpikeFilter],
+    before: tuple[int, FloatArray], after: tuple[int, FloatArray],
+) -> None:  # fmt: skip
+    """
+    Take as a jump where each of a pair reads, after a gap, what the other read before it.
+
+    Takes when the gap began and ended, ns, and what was read then, °C, (J,). Metal had the time.
+    """
+    (begin_ns, before_c), (end_ns, after_c) = before, after
+    for i, j in combinations(range(len(spikes)), 2):
+        apart_k = abs(before_c[j] - before_c[i])
+        crossed_k = np.abs(after_c[[i, j]] - before_c[[j, i]])
+        if apart_k > _JUMP_K and crossed_k.max() < _ALIKE_SHARE * apart_k:
+            for k in (i, j):
+                if (spikes[k].jump.at_ns or 0) < begin_ns:
+                    spikes[k].note_jump(end_ns, float(after_c[k] - before_c[k]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,13 +423,34 @@ def exchanged(
     off_k, said = np.abs(state.reading_c - state.predicted_c), {}
     clear = off_k > EXCHANGED * prediction.agree_k
     for i, j in combinations(np.flatnonzero(off_k > prediction.agree_k).tolist(), 2):
-        order = np.arange(len(off_k))
-        order[[i, j]] = j, i
-        expected_c = prediction.predict(state.relaxed_c[:, order])
-        near = np.abs(state.reading_c[order] - expected_c) <= prediction.agree_k
+        near = _off_exchanged(prediction, state, i, j) <= prediction.agree_k
         if (i, j) in known or (near[[i, j]].all() and clear[[i, j]].all()):
             said[i, j] = (
                 f'thermometers {i + 1} and {j + 1} read what is expected of each other; are their '
                 'plugs, topics or columns exchanged? The drift is wrong until that is mended'
             )
     return said
+
+
+def end_exchange(
+    spikes: Sequence[SpikeFilter], prediction: ThermometerPrediction, state: ThermometerState,
+    now_ns: int,
+) -> None:  # fmt: skip
+    """End the jumps of a pair that reads what is expected of it, and would not if exchanged."""
+    near = np.abs(state.reading_c - state.predicted_c) <= prediction.agree_k
+    for i, j in exchanged_by_jumps(spikes):
+        wrong = _off_exchanged(prediction, state, i, j) > EXCHANGED * prediction.agree_k
+        lasted_ns = now_ns - (spikes[i].jump.at_ns or 0)
+        if (near & wrong)[[i, j]].all() and lasted_ns > AGREED_S * NANOSECONDS:
+            spikes[i].end_jump(now_ns)
+            spikes[j].end_jump(now_ns)
+
+
+def _off_exchanged(
+    prediction: ThermometerPrediction, state: ThermometerState, i: int, j: int
+) -> FloatArray:
+    """Give how far all would be from what is expected if two were exchanged, K, (J,)."""
+    order = np.arange(len(state.reading_c))
+    order[[i, j]] = j, i
+    expected_c = prediction.predict(state.relaxed_c[:, order])
+    return np.asarray(np.abs(state.reading_c[order] - expected_c))
