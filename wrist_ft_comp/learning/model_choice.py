@@ -26,11 +26,13 @@ from wrist_ft_comp.learning.day_choice import (
     ANOTHER_DAY,
     FEWEST_DAYS,
     good_days,
+    incident,
+    LEARNT_FROM,
     MOST_DAYS,
+    pause,
     reason,
     worthiest,
 )
-from wrist_ft_comp.learning.days_set_aside import incident, LEARNT_FROM, pause
 from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, NONE
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift, thermometer_doubts
