@@ -12,13 +12,13 @@ from functools import partial
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.drift.drift_model import differences, DriftModel
+from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks as checks
 from wrist_ft_comp.fit import paper_methods
 from wrist_ft_comp.fit.another_day import day_limit, largest_drift, late_errors
 from wrist_ft_comp.fit.auto_method import identify_auto
-from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data, MIN_SAMPLES
+from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data
 from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.segments import did_it_move, segment
@@ -71,9 +71,7 @@ def calibrate(
         for number, recording in enumerate(recordings, 1)
     }
     warnings = [warning for recording in recordings for warning in recording.warnings]
-    if apart := differences(sensors):
-        warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
-    warnings += [*dropped, *stepped, *said, *unknown, *doubts]
+    warnings += [*checks.several_sensors(sensors), *dropped, *stepped, *said, *unknown, *doubts]
     warnings += work.warnings if work else ()
     warnings += did_it_move(fits, reference)
     return Calibration(
@@ -103,11 +101,8 @@ def _learn(
             within: list[IntArray] = [np.full(len(recording), -1) for recording in recordings]
             (within[i],) = assign_folds([recordings[i]])
             data = replace(data, folds=tuple(within))
-        if data.samples < MIN_SAMPLES or len(data.folds_by_recording) < 2:
-            said.append(
-                f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
-                f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
-            )
+        if lacking := checks.lacks_samples(data):
+            said.append(lacking)
             continue
         fit = identify_axis(data, settings.identification)
         if fit.refusal:

@@ -59,6 +59,21 @@ def segment(
     return segmented, sentences
 
 
+def false_starts(recordings: Sequence[Recording]) -> dict[int, str]:
+    """
+    Find recordings that are too short, where others are not; gives why, by their places.
+
+    Held out beside days, a false start of seconds would judge what the others say.
+    """
+    longest_s = max((recording.duration_s for recording in recordings), default=0.0)
+    return {
+        place: f'{recording.name} was left out: it lasts {recording.duration_s:.0f} s, and drift '
+        f'can be learnt from {SHORTEST_SEGMENT_S:.0f} s or more. Record longer.'
+        for place, recording in enumerate(recordings)
+        if recording.duration_s < SHORTEST_SEGMENT_S <= longest_s
+    }
+
+
 def did_it_move(fits: Mapping[str, AxisFit], reference: Reference) -> list[str]:
     """Ask whether a still load moved, where temperature does not explain most of what it did."""
     unexplained = [

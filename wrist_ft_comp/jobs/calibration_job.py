@@ -14,7 +14,7 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.result import Calibration
-from wrist_ft_comp.fit.segments import SHORTEST_SEGMENT_S
+from wrist_ft_comp.fit.segments import false_starts
 from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
@@ -48,16 +48,10 @@ def run_job(
         else:
             recordings.append(recording)
             paths[sha256] = path
-    # Held out beside days, a false start of seconds would judge what the others say.
-    longest_s = max((recording.duration_s for recording in recordings), default=0.0)
-    for sha256, recording in zip(tuple(paths), tuple(recordings), strict=True):
-        if recording.duration_s < SHORTEST_SEGMENT_S <= longest_s:
-            recordings.remove(recording)
-            del paths[sha256]
-            left_out.append(
-                f'{recording.name} was left out: it lasts {recording.duration_s:.0f} s, and drift '
-                f'can be learnt from {SHORTEST_SEGMENT_S:.0f} s or more. Record longer.'
-            )
+    starts = false_starts(recordings)
+    left_out += starts.values()
+    for place in reversed(starts):
+        del recordings[place], paths[list(paths)[place]]
     found = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
     found = replace(found, warnings=(*left_out, *found.warnings))
     calibration, stored = save(job, found, paths)

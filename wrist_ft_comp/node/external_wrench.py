@@ -1,6 +1,5 @@
 """The part that publishes the wrench without drift and payload, and judges the weight."""
 
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
@@ -10,18 +9,16 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
+from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.node.payload_choice import changed_frames, PayloadChoice
 from wrist_ft_comp.node.raw_wrench import Counts, is_silent
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollector
+from wrist_ft_comp.payload.live_weight import LivePayload, MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, MOST_KG
 from wrist_ft_comp.payload.weight_check import HiddenWeight, WeightCheck
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stream.clock import FORCE_APART_S
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
 
@@ -31,20 +28,10 @@ _CONTRADICTION_DEG = 5.0
 #: An IMU is polled where its newest sample is older, ns. Polled for each wrench at 1 kHz, it would
 #: cost a third of the wrench itself; this age causes 0.03 N at 1 rad/s and 1.5 kg.
 _FRESH_NS = 2_000_000
-#: Specific force is judged over this many reports in a row: motion changes it in some of them.
-_REPORTS = 10
 #: As many payloads are judged by turns.
 _CHECKS = 16
 #: A tare that is not older, s, when these reports say that specific force is wrong, holds it.
 _JUDGED_S = 15.0
-#: The norm of a calibrated accelerometer deviates from gravity by less than this share of it, or
-#: by more to both sides, as motion makes it.
-_NORM_DEVIATION = 0.03
-#: More of the wrenches than this share without fresh specific force are a warning.
-_MISSED_SHARE = 0.1
-#: The weight is in doubt where it changes by more than this share in the time by which specific
-#: force is behind the wrench.
-_BEHIND_SHARE = 0.05
 
 
 @dataclass(eq=False)
@@ -77,8 +64,6 @@ class ExternalWrench(Part):
     _growth: Growth = field(default_factory=Growth)
     #: By how much specific force was behind the wrenches since the last report, ns, together.
     _behind_ns: int = 0
-    #: The specific forces of the last reports, while new ones come.
-    _felt: deque[Force] = field(default_factory=lambda: deque(maxlen=_REPORTS))
 
     title, logged = 'payload', True
     parameters = (
@@ -223,47 +208,21 @@ class ExternalWrench(Part):
     def _doubts(self, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""
         yield from filter(None, [self.specific_force.doubt()])
-        forces, wrench = self.specific_force.forces, self.counts.newest
-        newest = forces.newest
         if not self.wanted:
             return
-        rests = 'wrench_external rests'
-        if newest is None:
-            yield f'{self.specific_force.problem() or "no specific force has come"}; {rests}'
-            return
-        if grown['forces']:
-            self._felt.append(newest[1])
-        else:
-            self._felt.clear()
-        if grown['missed'] > _MISSED_SHARE * grown['came'] and wrench is not None:
-            apart_s = abs(wrench[0] - newest[0]) / NANOSECONDS
-            if apart_s > FORCE_APART_S and grown['forces']:
-                yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
-            else:
-                yield f'specific force is older than gravity.timeout, or stays away; {rests}'
         weighed = max(grown['came'] - grown['missed'], 1)
         behind_ns, self._behind_ns = self._behind_ns // weighed, 0
-        before = forces.at(newest[0] - behind_ns) if behind_ns > 0 else None
-        if before is not None and math.dist(newest[1], before) > _BEHIND_SHARE * GRAVITY:
-            yield (
-                f'specific force is {behind_ns / NANOSECONDS:.3f} s behind the wrench, and '
-                f'{math.dist(newest[1], before) / GRAVITY:.0%} of the weight that is taken off is '
-                'wrong in motion; mend its clock, or let it come faster'
-            )
+        wrench_ns = None if self.counts.newest is None else self.counts.newest[0]
+        missed_share = grown['missed'] / max(grown['came'], 1)
+        yield from self.specific_force.timing_doubts(
+            wrench_ns, behind_ns, missed_share, is_new=grown['forces'] > 0
+        )
 
     def _weight_doubts(self, payload: LivePayload | None) -> Iterator[str]:
         """Say why the weight is wrong that is taken off, or is to be identified."""
         forces, wrench = self.specific_force.forces, self.counts.newest
         frame = ForceFrame() if payload is None else payload.frame
-        if len(self._felt) == _REPORTS:
-            if len(set(self._felt)) == 1 and self.specific_force.source == 'imu':
-                yield 'specific force has not changed by a bit for seconds; is the IMU frozen?'
-            off = np.linalg.norm(frame.turn(np.array(self._felt)), axis=1) / GRAVITY - 1
-            if min(off) > _NORM_DEVIATION or max(off) < -_NORM_DEVIATION:
-                yield (
-                    f'specific force is {off[-1]:+.0%} off gravity, and so is the weight that is '
-                    'taken off; check its unit, or call ~/identify_payload'
-                )
+        yield from self.specific_force.value_doubts(frame)
         if payload is None:
             return
         if changed := changed_frames(payload.frame, self.specific_force.frames()):

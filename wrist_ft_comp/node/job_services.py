@@ -74,6 +74,12 @@ class Jobs(Part):
             choices=get_args(Reference)),
     )  # fmt: skip
 
+    def check_parameters(self, parameters: Sequence[Any]) -> None:
+        """Refuse recordings outside data_directory."""
+        for given in (one for one in parameters if one.name == 'calibration.recordings'):
+            for path in given.value or ():
+                self.live.store.require_inside(given.name, path)
+
     def make_job(self, recordings: Sequence[Path], **more: Any) -> CalibrationJob:
         """Ask for a model of recordings, with more fields of the job; by ``reference``, too."""
         output = self.live.store.new_model_path()

@@ -190,14 +190,9 @@ class LiveModel(Part):
 
     def check_parameters(self, parameters: Sequence[Any]) -> None:
         """Refuse files outside data_directory and unusable models; changes nothing that runs."""
-        store = self.store
-        for name, value in ((parameter.name, parameter.value) for parameter in parameters):
-            if name not in {'model_file', 'calibration.recordings'}:
-                continue
-            for given in [value] if name == 'model_file' else value or []:
-                store.require_inside(name, given)
-            if name == 'model_file':
-                self._validated = self.load(store.locate(value)) if value else None
+        for value in (given.value for given in parameters if given.name == 'model_file'):
+            self.store.require_inside('model_file', value)
+            self._validated = self.load(self.store.locate(value)) if value else None
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Make the model of a changed model_file live, which was loaded to check it."""

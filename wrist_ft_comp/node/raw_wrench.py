@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, LARGEST, why_unusable
+from wrist_ft_comp.channels import AXES, why_unusable
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub, Part
@@ -16,11 +16,9 @@ from wrist_ft_comp.ros.topics import why_silent
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import WrenchStamps
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.wrench_watch import SensorWatch
+from wrist_ft_comp.stream.wrench_watch import SensorWatch, unusable, was_away
 from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 
-#: A sensor that is silent for longer, s, may have been switched off, and have another zero then.
-_AWAY_S = 5.0
 #: A node that did not look for longer, s, was held up itself: nobody knows whether wrenches came.
 _HELD_UP_S = 3.0
 
@@ -92,23 +90,12 @@ class WrenchInput(Part):
         self._growth = Growth()
 
     def admits(self, raw: Sequence[float]) -> bool:
-        """
-        Decide whether a wrench passes that holds NaN, or what no sensor reads; else count it.
-
-        An axis that was NaN in every earlier wrench may be NaN: the sensor does not have it.
-        """
+        """Decide whether a wrench passes that holds NaN, or what no sensor reads, or count it."""
         newest = self._counts.newest
-        before = raw if newest is None else newest[1]
-        numbers = [value for value in raw if not math.isnan(value)]
-        lost = any(
-            math.isnan(value) and not math.isnan(last)
-            for value, last in zip(raw, before, strict=True)
-        )
-        if numbers and not lost and math.hypot(*numbers) < LARGEST:
-            return True
-        self._counts.strange = math.nan if lost or not numbers else max(numbers, key=abs)
-        self._counts.dropped += 1
-        return False
+        strange = unusable(raw, raw if newest is None else newest[1])
+        if strange is not None:
+            self._counts.strange, self._counts.dropped = strange, self._counts.dropped + 1
+        return strange is None
 
     def poll(self) -> None:
         """Look at the newest wrench, if it is another one than at the last look."""
@@ -122,10 +109,8 @@ class WrenchInput(Part):
         # Before the first one only a tare from before a restart can be in doubt.
         is_judged = self._heard_s is not None or compensator.tared
         away_s = now_s - self._quiet_s if is_judged else 0.0
-        # By the stamps, too: a simulation that was held up goes on with the next one, a clock that
-        # stands still shows nothing.
         passed_s = (stamp_ns - self._stamp_ns) / NANOSECONDS
-        if away_s > _AWAY_S and not 0 < passed_s <= _AWAY_S:
+        if was_away(away_s, passed_s):
             if abs(passed_s - away_s) < 1:  # no clock was set
                 self.sensor, self.stamps = SensorWatch(), WrenchStamps()
             compensator.doubt_zero(

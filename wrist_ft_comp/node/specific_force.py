@@ -1,5 +1,7 @@
 """The part that takes specific force from an IMU or from TF, and hands it to all parts."""
 
+from collections import deque
+from collections.abc import Iterator
 from functools import partial
 import math
 from typing import Any
@@ -7,13 +9,16 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import Imu
 
+from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.payload.live_weight import RecentForces
-from wrist_ft_comp.payload.weight import FrameIds
+from wrist_ft_comp.payload.live_weight import Force, RecentForces
+from wrist_ft_comp.payload.weight import ForceFrame, FrameIds
 from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.parameters import at_start
 from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topics import FAST_SENSOR, LATCHED, load_type, wrong_type
+from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.stream.clock import FORCE_APART_S
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
 from wrist_ft_comp.wire.gravity_by_tf import GravityByTf, Layout, tf_layouts
@@ -27,6 +32,16 @@ _LEAP_RAD_S = 30.0
 #: Where TF was away, or a static transform came again, a turn by more than this, degrees, may be
 #: one of the frame on the robot.
 _UNSEEN_DEG = 3.0
+#: Specific force is judged over this many reports in a row: motion changes it in some of them.
+_REPORTS = 10
+#: The norm of a calibrated accelerometer deviates from gravity by less than this share of it, or
+#: by more to both sides, as motion makes it.
+_NORM_DEVIATION = 0.03
+#: More of the wrenches than this share without fresh specific force are a warning.
+_MISSED_SHARE = 0.1
+#: The weight is in doubt where it changes by more than this share in the time by which specific
+#: force is behind the wrench.
+_BEHIND_SHARE = 0.05
 
 
 class SpecificForceInput(Part):
@@ -70,6 +85,8 @@ class SpecificForceInput(Part):
         self._imu: Any = None
         #: The newest message of the IMU; empty before the first.
         self._newest = b''
+        #: The specific forces of the last reports, while new ones come.
+        self._felt = deque[Force](maxlen=_REPORTS)
 
     def start(self) -> None:
         """Subscribe; SettingsError when what is asked for cannot be had."""
@@ -193,3 +210,47 @@ class SpecificForceInput(Part):
         self._tree.lower = self.frames().wrench_frame
         is_waiting = self.source == 'tf' and self._handed_out_ns is None and self._tree.lower
         return self._tree.missing() if is_waiting else ''
+
+    def timing_doubts(
+        self, wrench_ns: int | None, behind_ns: int, missed_share: float, *, is_new: bool
+    ) -> Iterator[str]:
+        """
+        Say that specific force is missing, of another clock, or late; once a report.
+
+        Takes the stamp of the newest wrench, ns, how far specific force is behind, ns, the share
+        of wrenches that had none, and whether one came since the last report.
+        """
+        newest, rests = self.forces.newest, 'wrench_external rests'
+        if newest is None:
+            yield f'{self.problem() or "no specific force has come"}; {rests}'
+            return
+        if is_new:
+            self._felt.append(newest[1])
+        else:
+            self._felt.clear()
+        if missed_share > _MISSED_SHARE and wrench_ns is not None:
+            apart_s = abs(wrench_ns - newest[0]) / NANOSECONDS
+            if apart_s > FORCE_APART_S and is_new:
+                yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
+            else:
+                yield f'specific force is older than gravity.timeout, or stays away; {rests}'
+        before = self.forces.at(newest[0] - behind_ns) if behind_ns > 0 else None
+        if before is not None and math.dist(newest[1], before) > _BEHIND_SHARE * GRAVITY:
+            yield (
+                f'specific force is {behind_ns / NANOSECONDS:.3f} s behind the wrench, and '
+                f'{math.dist(newest[1], before) / GRAVITY:.0%} of the weight that is taken off is '
+                'wrong in motion; mend its clock, or let it come faster'
+            )
+
+    def value_doubts(self, frame: ForceFrame) -> Iterator[str]:
+        """Say that it is frozen, or is not as large as gravity in the frame of a payload."""
+        if len(self._felt) < _REPORTS:
+            return
+        if len(set(self._felt)) == 1 and self.source == 'imu':
+            yield 'specific force has not changed by a bit for seconds; is the IMU frozen?'
+        off = np.linalg.norm(frame.turn(np.array(self._felt)), axis=1) / GRAVITY - 1
+        if min(off) > _NORM_DEVIATION or max(off) < -_NORM_DEVIATION:
+            yield (
+                f'specific force is {off[-1]:+.0%} off gravity, and so is the weight that is '
+                'taken off; check its unit, or call ~/identify_payload'
+            )

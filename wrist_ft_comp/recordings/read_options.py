@@ -20,11 +20,11 @@ import numpy as np
 import yaml
 
 from wrist_ft_comp import units
-from wrist_ft_comp.channels import AXES, CHANNELS, GROUPS
+from wrist_ft_comp.channels import AXES, CHANNELS
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import clock_time, Samples, Topics
 from wrist_ft_comp.recordings.table_format import Header
-from wrist_ft_comp.series import CLOCK_NS, FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.series import CLOCK_NS, FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.safe_file import beginning
 from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.units import plain_unit, STAMP, TIME_UNITS_NS, to_celsius, units_of
@@ -166,31 +166,6 @@ def listed(names: Iterable[str]) -> str:
     names = [name[:_SHOWN] for name in names]
     more = f' and {len(names) - _LISTED} more' if len(names) > _LISTED else ''
     return f'{", ".join(names[:_LISTED])}{more}'
-
-
-def samples_of(stamps_ns: IntArray, values: Mapping[str, FloatArray]) -> Iterator[Samples]:
-    """
-    Make blocks of samples of the values of channels, shape (n,), NaN where there is none.
-
-    A group of channels is split where a row holds a part of it. Rows of one stamp, which the clock
-    of a recorder is too coarse to tell apart, are one sample: their mean.
-    """
-    alone = [(channel,) for channel in values if channel.startswith('temperature')]
-    for whole in (AXES, *alone, *GROUPS[1:]):
-        group = tuple(channel for channel in whole if channel in values)
-        if not group:
-            continue
-        filled = np.stack([~np.isnan(values[channel]) for channel in group])
-        together = (filled == filled[0]).all()
-        for channels in [group] if together else [(channel,) for channel in group]:
-            at = ~np.isnan(values[channels[0]])
-            block, times_ns = np.stack([values[c][at] for c in channels], 1), stamps_ns[at]
-            starts = np.flatnonzero(np.diff(times_ns, prepend=times_ns[:1] - 1))
-            if len(starts) < len(times_ns):
-                counts = np.diff(starts, append=len(times_ns))
-                block = np.add.reduceat(block, starts) / counts[:, np.newaxis]
-                times_ns = times_ns[starts]
-            yield Samples(channels, times_ns, block)
 
 
 #: File beside recordings that says how they are read.

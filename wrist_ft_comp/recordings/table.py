@@ -8,7 +8,7 @@ incomplete, it is left out.
 
 import bz2
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass
@@ -25,7 +25,9 @@ import zlib
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES, GROUPS
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.recordings import read_options, table_format
 from wrist_ft_comp.recordings.read_options import Column, Placed
 from wrist_ft_comp.recordings.table_format import COMMENTS, cut_line, DAY_NS, exact_ns, Header
@@ -410,3 +412,28 @@ def _by_library(path: Path) -> Iterator[str]:
             f'{path.name} cannot be read by {library} ({what}). Save the table as CSV, or run '
             f"'pip install {library}' if it is not installed."
         ) from error
+
+
+def samples_of(stamps_ns: IntArray, values: Mapping[str, FloatArray]) -> Iterator[Samples]:
+    """
+    Make blocks of samples of the values of channels, shape (n,), NaN where there is none.
+
+    A group of channels is split where a row holds a part of it. Rows of one stamp, which the clock
+    of a recorder is too coarse to tell apart, are one sample: their mean.
+    """
+    alone = [(channel,) for channel in values if channel.startswith('temperature')]
+    for whole in (AXES, *alone, *GROUPS[1:]):
+        group = tuple(channel for channel in whole if channel in values)
+        if not group:
+            continue
+        filled = np.stack([~np.isnan(values[channel]) for channel in group])
+        together = (filled == filled[0]).all()
+        for channels in [group] if together else [(channel,) for channel in group]:
+            at = ~np.isnan(values[channels[0]])
+            block, times_ns = np.stack([values[c][at] for c in channels], 1), stamps_ns[at]
+            starts = np.flatnonzero(np.diff(times_ns, prepend=times_ns[:1] - 1))
+            if len(starts) < len(times_ns):
+                counts = np.diff(starts, append=len(times_ns))
+                block = np.add.reduceat(block, starts) / counts[:, np.newaxis]
+                times_ns = times_ns[starts]
+            yield Samples(channels, times_ns, block)

@@ -1,14 +1,17 @@
-"""Finds wrenches that no healthy sensor gives: frozen, or stuck on an axis."""
+"""Finds wrenches that no healthy sensor gives: unusable, away, zeroed, frozen, or stuck."""
 
 from collections import deque
 from collections.abc import Sequence
+import math
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.channels import AXES, LARGEST
 from wrist_ft_comp.series import FloatArray, IntArray
 from wrist_ft_comp.stream.drift_limits import axis_limits
 
+#: A sensor that is silent for longer, s, may have been switched off, and have another zero then.
+_AWAY_S = 5.0
 #: A reading is frozen after about this many looks with the same value, 5 s of ten looks a second.
 LOOKS = 50
 #: Only the same value in a row for more looks than this counts, 1 s: sensors that are slower than
@@ -25,6 +28,30 @@ _LIVELY_SHARE = 0.8
 _CERTAIN, _RESOLVED_N, _UNKNOWN_N = 3.0, 0.2, 0.5
 #: A load at rest scatters by less than this, N.
 _REST_N = 0.5
+
+
+def unusable(raw: Sequence[float], before: Sequence[float]) -> float | None:
+    """
+    Give the number for which a wrench, N and N m, is dropped; None where it is usable.
+
+    An axis that was NaN in every earlier wrench may be NaN: the sensor does not have it.
+    """
+    numbers = [value for value in raw if not math.isnan(value)]
+    pairs = zip(raw, before, strict=True)
+    lost = any(math.isnan(value) and not math.isnan(last) for value, last in pairs)
+    if numbers and not lost and math.hypot(*numbers) < LARGEST:
+        return None
+    return math.nan if lost or not numbers else max(numbers, key=abs)
+
+
+def was_away(silent_s: float, passed_s: float) -> bool:
+    """
+    Whether a sensor may have been off, by how long it was silent, and what passed by its stamps.
+
+    By the stamps, too: a simulation that was held up goes on with the next one, a clock that
+    stands still shows nothing.
+    """
+    return silent_s > _AWAY_S and not 0 < passed_s <= _AWAY_S
 
 
 class SensorWatch:

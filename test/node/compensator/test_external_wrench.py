@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.node import external_wrench
+from wrist_ft_comp.node import specific_force
 from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.payload_choice import PayloadChoice
 from wrist_ft_comp.node.raw_wrench import Counts
@@ -165,14 +165,14 @@ STATUSES = [
     ([(0, UP)], 0.0, OK, 'subtracting day-1'),
     ([(0, UP)], 0.3, WARN, 'specific force is older than gravity.timeout, or stays away'),
     ([(-7200, UP)], 0.0, WARN, '7200 s apart: two clocks; wrench_external rests'),
-    ([(0, UP / 9.807)] * external_wrench._REPORTS, 0.0, WARN, 'is -90% off gravity'),
-    ([(0, UP)] * external_wrench._REPORTS, 0.0, WARN, 'is the IMU frozen?'),
+    ([(0, UP / 9.807)] * specific_force._REPORTS, 0.0, WARN, 'is -90% off gravity'),
+    ([(0, UP)] * specific_force._REPORTS, 0.0, WARN, 'is the IMU frozen?'),
     (
-        [(0, (1.05 + 1e-6 * k) * UP) for k in range(external_wrench._REPORTS - 1)],
+        [(0, (1.05 + 1e-6 * k) * UP) for k in range(specific_force._REPORTS - 1)],
         0.0, OK, 'subtracting day-1',
     ),
     (
-        [(0, (1.05 + 1e-6 * k) * UP) for k in range(external_wrench._REPORTS)],
+        [(0, (1.05 + 1e-6 * k) * UP) for k in range(specific_force._REPORTS)],
         0.0, WARN, 'specific force is +5% off gravity, and so is the weight',
     ),
 ]  # fmt: skip
