@@ -230,7 +230,7 @@ def _events() -> Iterator[tuple[str, Event]]:
         ('loose', 20, 3600), ('kelvin', 20, 900), ('fahrenheit', 20, 900), ('tenths', 20, 900),
         ('nan', 20, 900), ('zero', 2, 60),
     ):  # fmt: skip
-        words = 'stamps|thermometer' if kind == 'late' else 'thermometer|temperatures|thermal'
+        words = f'thermometer|thermal|{"stamps" if kind == "late" else "temperatures"}'
         script = one_thermometer(kind, least_s, most_s)
         yield f'thermometer {kind}', Event('thermometer', words, script)
     yield 'thermometers exchanged', Event('thermometer', 'thermometer', exchanged)
