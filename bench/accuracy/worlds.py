@@ -33,9 +33,9 @@ from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.recording import Recording, Samples
+from wrist_ft_comp.recordings.sample_checks import grid_samples
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.drift_of_recordings import simulate_drift
-from wrist_ft_comp.stream.recorded_thermal_cells import grid_samples
 
 NOTHING, AUTO, TRUTH = 'nothing', 'auto', 'the truth'
 MORE, BEFORE = 'auto, more', 'auto before'

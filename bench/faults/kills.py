@@ -36,7 +36,7 @@ from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import NodeFolder
 from wrist_ft_comp.stored.payload_file import load_payloads
 from wrist_ft_comp.stored.state_file import load_state
-from wrist_ft_comp.stream.live_thermal_cells import row_channels
+from wrist_ft_comp.stream.thermal_cells import row_channels
 
 #: Longest time from the writing of a file to the kill that aims at it, s.
 WRITING_S = 0.2

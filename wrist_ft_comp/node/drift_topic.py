@@ -15,7 +15,7 @@ from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, Status
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.live_thermal_cells import ThermalCell
+from wrist_ft_comp.stream.thermal_cells import ThermalCell
 
 #: Two nodes of one name are said when they have been there for this time, s: one that was killed
 #: stays in the graph for 20 s with Fast DDS.

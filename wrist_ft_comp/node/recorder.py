@@ -22,7 +22,7 @@ from wrist_ft_comp.stored.background_writer import FileWriter
 from wrist_ft_comp.stored.node_folder import NodeFolder
 from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter, origin_column
 from wrist_ft_comp.stored.safe_file import writing
-from wrist_ft_comp.stream import live_thermal_cells as grid
+from wrist_ft_comp.stream import thermal_cells as grid
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 

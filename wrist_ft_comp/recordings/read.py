@@ -22,11 +22,11 @@ from wrist_ft_comp.recordings import column_proposal, read_options
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES, translated
 from wrist_ft_comp.recordings.column_proposal import Proposal, propose
 from wrist_ft_comp.recordings.read_options import KINDS, listed, Placed, ReadOptions
+from wrist_ft_comp.recordings.sample_checks import grid_samples
 from wrist_ft_comp.recordings.table import Rows, samples_of, Table, TableInMemory
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stored.recording_writer import sensor_in
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
-from wrist_ft_comp.stream.recorded_thermal_cells import grid_samples
 from wrist_ft_comp.stream.tare import initial_tare
 from wrist_ft_comp.units import STAMP, to_celsius
 from wrist_ft_comp.wire.temperature_source import parse_sources

@@ -9,8 +9,8 @@ from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream import drift_bounds, temperature_gaps, thermometer_faults
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
 from wrist_ft_comp.stream.drift_bounds import SPAN_S, Uncertainty
-from wrist_ft_comp.stream.live_thermal_cells import ThermalCell, ThermalGrid
 from wrist_ft_comp.stream.temperature_gaps import ThermalMemory, why_forgotten
+from wrist_ft_comp.stream.thermal_cells import ThermalCell, ThermalGrid
 from wrist_ft_comp.stream.thermometer_faults import Jump, SpikeFilter, ThermometerState
 
 #: A shorter gap is not reported, s, though the model may remember less: a thermometer may be read

@@ -8,7 +8,7 @@ import pytest
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Samples
-from wrist_ft_comp.stream.recorded_thermal_cells import grid_samples
+from wrist_ft_comp.recordings.sample_checks import grid_samples
 
 SECOND = 1_000_000_000
 

@@ -1,5 +1,5 @@
 """
-Averages a recording over thermal cells, as a batch, of samples that a sensor can have measured.
+Whether the samples of a recording can be used: refusals and doubts; then means on thermal cells.
 
 What no sensor measures is dropped and counted, by the limits of the node; ``temperature_gaps``
 fills the cells without a sample.

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.recording import Samples
-from wrist_ft_comp.stream import live_thermal_cells
+from wrist_ft_comp.recordings.sample_checks import grid_samples
+from wrist_ft_comp.stream import thermal_cells
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
-from wrist_ft_comp.stream.recorded_thermal_cells import grid_samples
 
 SECOND = 1_000_000_000
 
@@ -24,7 +24,7 @@ def seconds(thermometer, *pairs):
 
 @pytest.mark.parametrize(('second', 'first'), [(1999.6, 1999), (1990.6, 1996)])
 def test_a_thermometer_that_never_reported_is_waited_for_without_hoarding(second, first):
-    grid = live_thermal_cells.ThermalGrid(SECOND, 2, patience_s=3.0)
+    grid = thermal_cells.ThermalGrid(SECOND, 2, patience_s=3.0)
     assert not feed(grid, seconds(0, *((k + 0.5, 20.0 + k) for k in range(2000))))
     assert len(grid._open) < 100
     late = [*seconds(1, (second, 5.0)), *seconds(0, (2000.5, 2020.0)), *seconds(1, (2000.5, 5.0))]
@@ -35,7 +35,7 @@ def test_a_thermometer_that_never_reported_is_waited_for_without_hoarding(second
 
 @pytest.mark.parametrize(('back_s', 'number', 'last_c'), [(1.0, 31, 52.0), (9.0, 30, 50.0)])
 def test_after_an_outage_the_others_are_waited_for_with_patience(back_s, number, last_c):
-    grid = live_thermal_cells.ThermalGrid(SECOND, 2, patience_s=3.0)
+    grid = thermal_cells.ThermalGrid(SECOND, 2, patience_s=3.0)
     feed(grid, seconds(0, (0.5, 20.0)) + seconds(1, (0.5, 50.0)))
     both = [*seconds(0, *((30.5 + k, 30.0 + k) for k in range(20)))]
     both += seconds(1, *((30.7 + back_s + k, 52.0) for k in range(20)))
@@ -53,7 +53,7 @@ class Node:
 
     def __init__(self, thermometers=1, patience_s=3.0):
         self.tracker = DriftTracker(thermometers, SECOND, patience_s)
-        self.averager = live_thermal_cells.CellAverager(SECOND, thermometers)
+        self.averager = thermal_cells.CellAverager(SECOND, thermometers)
 
     def heat(self, at_s, *celsius):
         for j, value in enumerate(celsius):
@@ -61,10 +61,10 @@ class Node:
                 self.averager.add_cells(self.tracker.add(Sample(j, round(at_s * SECOND), value)))
 
     def raw(self, at_s, value):
-        self.averager.add(live_thermal_cells.RAW, round(at_s * SECOND), [value] * 6)
+        self.averager.add(thermal_cells.RAW, round(at_s * SECOND), [value] * 6)
 
     def reference(self, at_s, value):
-        self.averager.add(live_thermal_cells.REFERENCE, round(at_s * SECOND), [value] * 6)
+        self.averager.add(thermal_cells.REFERENCE, round(at_s * SECOND), [value] * 6)
 
 
 def cells(rows):
@@ -103,12 +103,12 @@ def test_a_held_temperature_is_not_written_as_measured(other):
 
 
 def test_thermal_cells_that_are_shorter_than_a_row_give_their_mean():
-    averager = live_thermal_cells.CellAverager(SECOND, 1)
+    averager = thermal_cells.CellAverager(SECOND, 1)
     for cell in range(3):
-        averager.add(live_thermal_cells.RAW, cell * SECOND, [1.0] * 6)
+        averager.add(thermal_cells.RAW, cell * SECOND, [1.0] * 6)
         for warm in (20.0, 22.0):
             averager.add_cells(
-                [live_thermal_cells.ThermalCell(cell, np.array([warm]), np.array([True]))]
+                [thermal_cells.ThermalCell(cell, np.array([warm]), np.array([True]))]
             )
     assert [row[12] for _, row in averager.rows()] == [21.0, 21.0]
 
@@ -148,15 +148,13 @@ def test_nothing_is_lost_and_nothing_piles_up_while_a_thermometer_is_silent(sile
 
 
 def test_specific_force_may_come_without_a_speed_of_rotation_or_not_at_all():
-    averager = live_thermal_cells.CellAverager(SECOND, 1, with_force=True)
+    averager = thermal_cells.CellAverager(SECOND, 1, with_force=True)
     for cell, force, speed in ((5, 9.0, 3.0), (5, 11.0, None), (5, 10.0, 4.0), (6, 8.0, None)):
         averager.add_force(cell * SECOND, (0.0, 1.0, force), speed)
-        averager.add(live_thermal_cells.RAW, cell * SECOND, [1.0] * 6)
+        averager.add(thermal_cells.RAW, cell * SECOND, [1.0] * 6)
     for cell in (5, 6, 7):
-        averager.add_cells(
-            [live_thermal_cells.ThermalCell(cell, np.array([20.0]), np.array([True]))]
-        )
-    assert live_thermal_cells.row_channels(1, with_force=True)[12::4][1] == 'rotation_speed'
+        averager.add_cells([thermal_cells.ThermalCell(cell, np.array([20.0]), np.array([True]))])
+    assert thermal_cells.row_channels(1, with_force=True)[12::4][1] == 'rotation_speed'
     expected = [20, 0, 1, 10, math.sqrt(12.5)], [20, 0, 1, 8, NAN], [20, *[NAN] * 4]
     for (_, row), end in zip(averager.rows(final=True), expected, strict=True):
         np.testing.assert_allclose(row[-5:], end)
