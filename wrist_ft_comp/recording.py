@@ -35,7 +35,7 @@ class Topics:
     #: The frame_id of the specific force and of the wrench; empty where the caller knows neither.
     force_frame: str = ''
     wrench_frame: str = ''
-    #: What columns and stamps of a table mean, as ``read_options`` reads them.
+    #: What columns and stamps of a table mean, as ``column_map`` reads them.
     columns: str = ''
     time: str = ''
     #: Which part of a recording counts, as ``read_options`` reads it; all where they are empty.

@@ -12,8 +12,9 @@ import pytest
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.recording import Topics
+from wrist_ft_comp.recordings.column_map import parse_map
 from wrist_ft_comp.recordings.read import open_recording, read_recording
-from wrist_ft_comp.recordings.read_options import Excerpt, parse_excerpt, parse_map
+from wrist_ft_comp.recordings.read_options import Excerpt, parse_excerpt
 
 ROWS = 3600
 BEGIN = datetime(2026, 11, 20, 8)

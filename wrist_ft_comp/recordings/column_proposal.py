@@ -21,8 +21,8 @@ import numpy as np
 from wrist_ft_comp import units
 from wrist_ft_comp.channels import AXES, CHANNELS, is_plausible, temperature_channel
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings import read_options, table_format
-from wrist_ft_comp.recordings.read_options import Column, KINDS, Placed
+from wrist_ft_comp.recordings import column_map, table_format
+from wrist_ft_comp.recordings.column_map import Column, KINDS, Placed
 from wrist_ft_comp.recordings.table import Table, TableInMemory
 from wrist_ft_comp.recordings.table_format import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
 from wrist_ft_comp.series import NANOSECONDS
@@ -142,7 +142,7 @@ class Proposal(NamedTuple):
         form = f' --time {shlex.quote(self.time)}' if self.time not in {'', 's'} else ''
         sentence = (
             f'{table} has no {" and no ".join(lacking)} column; expected {expected}, got '
-            f'{read_options.listed(names)}. Rename them, or say what they are, '
+            f'{column_map.listed(names)}. Rename them, or say what they are, '
             + (how or f"such as --columns '{self.columns}'{form}.")
         )
         if OPEN in self.columns:
@@ -152,7 +152,7 @@ class Proposal(NamedTuple):
         if f'{STAMP}={OPEN}' in self.columns:
             sentence += (
                 ' Where no column is a time, and rows come at a fixed rate, '
-                f'stamp={read_options.ROW_NUMBER}*0.01 is a hundred of them a second.'
+                f'stamp={column_map.ROW_NUMBER}*0.01 is a hundred of them a second.'
             )
         if f'temperature_c={OPEN}' in self.columns:
             sentence += (
@@ -172,10 +172,10 @@ def suffix_of(low: float, high: float) -> str:
 def warn_of_unused(placed: Placed) -> list[str]:
     """Warn, in one sentence, of columns that are not used, and say what their names mean."""
     unused = [placed.header.names[place] for place in placed.unused]
-    unused = [n for n in unused if n and not n.startswith((ORIGIN, read_options.COMPENSATED))]
+    unused = [n for n in unused if n and not n.startswith((ORIGIN, column_map.COMPENSATED))]
     if not unused:
         return []
-    names = read_options.listed(unused)
+    names = column_map.listed(unused)
     sentence = f'{placed.table} has columns that are not understood and not used: {names}'
     meant = Proposal.of([propose(placed)], ()).columns
     return [f"{sentence}. Perhaps they are: --columns '{meant}'." if meant else f'{sentence}.']
@@ -201,7 +201,7 @@ def warn_of_clocks(placed: Placed, table: Table | TableInMemory) -> list[str]:
         group = [replace(stamp, place=start), *group] if group else []
         before = header.columns_before + k * len(header.names)
         entries += [column.entry(before) for column in group]
-    late = read_options.listed(column.name for column in used if column.place > starts[0])
+    late = column_map.listed(column.name for column in used if column.place > starts[0])
     file = shlex.quote('+'.join([str(getattr(table, 'path', table.name))] * (len(starts) + 1)))
     sentence = (
         f'{placed.table} has another time before {late}, which differs from {stamp.name} and is '
@@ -350,7 +350,7 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
 
     proposed = {}
     thermometers = [channel for channel in found if channel.startswith('temperature')]
-    order = [*read_options.STAMP_COLUMNS, *AXES, *thermometers, *CHANNELS]
+    order = [*column_map.STAMP_COLUMNS, *AXES, *thermometers, *CHANNELS]
     for channel in filter(found.__contains__, dict.fromkeys(order)):
         looks = found[channel]
         # A map names a column by its number where its name is none for a map.
@@ -361,7 +361,7 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
         behind = ''
         if channel.startswith('temperature'):
             behind = looks.thermometer() or ''
-        elif channel not in read_options.STAMP_COLUMNS:
+        elif channel not in column_map.STAMP_COLUMNS:
             unit = looks.unit_of(channel)
             behind = f':{unit}' if unit else header.said.get(channel.split('_', maxsplit=1)[0], '')
         proposed[channel] = name + behind
@@ -404,11 +404,11 @@ def _find_times(free: list[_Looks], header: Header) -> tuple[dict[str, _Looks], 
         nanosec = _NANOSEC.fullmatch(looks.plain) if time == 's' else None
         if nanosec and nanosec[1] in {'', best.plain, re.sub('_?sec(s|onds)?$', '', best.plain)}:
             is_whole = len(looks.filled) == len(best.filled) and not (best.numbers % 1).any()
-            found |= {read_options.STAMP_NANOSEC: looks} if is_whole else {}
+            found |= {column_map.STAMP_NANOSEC: looks} if is_whole else {}
         is_date = looks is not best and looks.form.startswith(('iso', '%'))
         if is_date and is_time_of_day and not any(':' in cell for cell in looks.filled):
-            found.setdefault(read_options.STAMP_DATE, looks)
-    if date := found.get(read_options.STAMP_DATE):
+            found.setdefault(column_map.STAMP_DATE, looks)
+    if date := found.get(column_map.STAMP_DATE):
         joined = map(' '.join, zip(date.filled, best.filled, strict=False))
         time = find_form([*joined], month_first=header.delimiter == ',')
     free[:] = [k for k in free if k not in found.values() and scores.get(k, 0.0) <= 1]

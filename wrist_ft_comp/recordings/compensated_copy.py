@@ -11,8 +11,8 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.recording import Correction, Topics
 from wrist_ft_comp.recordings.bag import Bag, decode, SUFFIXES
+from wrist_ft_comp.recordings.column_map import COMPENSATED
 from wrist_ft_comp.recordings.read import backend, open_recording, OpenTable
-from wrist_ft_comp.recordings.read_options import COMPENSATED
 from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.stored.safe_file import Output, writing

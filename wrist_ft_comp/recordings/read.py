@@ -18,10 +18,11 @@ from wrist_ft_comp.channels import AXES, SensorNames, temperature_channel
 from wrist_ft_comp.drift.drift_model import DriftModel, order_problem
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import PERIODS_S, Recording, Samples, Topics
-from wrist_ft_comp.recordings import column_proposal, read_options
+from wrist_ft_comp.recordings import column_map, column_proposal, read_options
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES, translated
+from wrist_ft_comp.recordings.column_map import KINDS, listed, place_columns, Placed
 from wrist_ft_comp.recordings.column_proposal import Proposal, propose
-from wrist_ft_comp.recordings.read_options import KINDS, listed, Placed, ReadOptions
+from wrist_ft_comp.recordings.read_options import ReadOptions
 from wrist_ft_comp.recordings.sample_checks import grid_samples
 from wrist_ft_comp.recordings.table import Rows, samples_of, Table, TableInMemory
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
@@ -143,11 +144,12 @@ class OpenTable:
         self.names = names = [name for table in tables for name in table.header.names]
         self.columns: list[Placed] = []
         for table in tables:
-            own = ReadOptions().place(table.name, table.header)
+            placed = place_columns((), '', table.name, table.header)
             # A map beside a recording of our own, such as a compensated copy, is of others.
-            is_ours = not any(own.columns.keys().isdisjoint(kind) for kind in KINDS.values())
-            is_other = is_ours and options.source != '--columns'
-            self.columns.append(own if is_other else options.place(table.name, table.header))
+            is_ours = not any(placed.columns.keys().isdisjoint(kind) for kind in KINDS.values())
+            if not is_ours or options.source == '--columns':
+                placed = place_columns(options.columns, options.time, table.name, table.header)
+            self.columns.append(placed)
         for column in options.columns:
             if all(column in placed.missing for placed in self.columns):
                 raise RecordingError(
@@ -165,7 +167,7 @@ class OpenTable:
         #: What the sensor is called: by the name of a column.
         self.sensor = sensor_in(names)
         #: Says that drift was removed from it; empty where it was not.
-        is_raw = not any(name.startswith(read_options.COMPENSATED) for name in names)
+        is_raw = not any(name.startswith(column_map.COMPENSATED) for name in names)
         already = f'{self.name} was compensated already. Name the raw recording.'
         self.compensated = '' if is_raw else already
 

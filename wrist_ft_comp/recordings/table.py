@@ -28,8 +28,8 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, GROUPS
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Samples
-from wrist_ft_comp.recordings import read_options, table_format
-from wrist_ft_comp.recordings.read_options import Column, Placed
+from wrist_ft_comp.recordings import column_map, table_format
+from wrist_ft_comp.recordings.column_map import Column, Placed
 from wrist_ft_comp.recordings.table_format import COMMENTS, cut_line, DAY_NS, exact_ns, Header
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.units import STAMP, TIME_UNITS_NS
@@ -277,11 +277,11 @@ class _RowConverter:
         self._name, self._columns, self._header = placed.table, placed.columns, placed.header
         self._channels, self._stamp = placed.channels, placed.columns[STAMP]
         #: The places of all columns that are used.
-        self.places = [c.place for c in placed.columns.values() if c.place != read_options.ROW]
+        self.places = [c.place for c in placed.columns.values() if c.place != column_map.ROW]
         #: What pandas reads stamps as, by place: texts, which are exact, but whole nanoseconds.
         self.types = {
             column.place: np.int64 if self._stamp.unit == 'ns' else str
-            for name, column in placed.columns.items() if name in read_options.STAMP_COLUMNS
+            for name, column in placed.columns.items() if name in column_map.STAMP_COLUMNS
         }  # fmt: skip
         #: The unit or form of stamps; empty until it is found.
         self._form = self._stamp.unit
@@ -331,7 +331,7 @@ class _RowConverter:
     def _stamps_of(self, frame: Any, lines: IntArray) -> IntArray:
         """Convert the columns of stamps; the form is found where nobody said it."""
         factor, count = self._stamp.factor, len(lines)
-        if not count or self._stamp.place == read_options.ROW:
+        if not count or self._stamp.place == column_map.ROW:
             unit_ns = TIME_UNITS_NS[self._form or 's']
             numbers = self._count + np.arange(count)
             return np.asarray(np.rint(numbers * (factor or 1.0) * unit_ns).astype(np.int64))
@@ -341,7 +341,7 @@ class _RowConverter:
             return cells.fillna('').tolist() if cells.dtype == object else cells.to_numpy()
 
         stamps = cells_of(self._stamp)
-        if date := self._columns.get(read_options.STAMP_DATE):
+        if date := self._columns.get(column_map.STAMP_DATE):
             pairs = zip(cells_of(date), stamps, strict=True)
             stamps = [f'{day} {time}' for day, time in pairs]
         if not self._form and isinstance(stamps, list):
@@ -352,7 +352,7 @@ class _RowConverter:
         stamps_ns = self._convert(partial(exact_ns, form=form), stamps, self._stamp, lines)
         if factor is not None:
             stamps_ns = np.rint(stamps_ns * factor).astype(np.int64)
-        if nanosec := self._columns.get(read_options.STAMP_NANOSEC):
+        if nanosec := self._columns.get(column_map.STAMP_NANOSEC):
             if form == 's' and factor is None and (stamps_ns % NANOSECONDS).any():
                 raise RecordingError(
                     f'{self._stamp.name} of {self._name} has decimals, to which {nanosec.name} '
