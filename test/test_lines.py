@@ -21,7 +21,7 @@ MOST = {
     # warm robot and a gap without a model left up to 15 N with every status OK; a driver that was
     # started again cost the recording. 95 more: decisions have files of their own names.
     # 46 more, and 28 of tests: thermometers that change places while the node is off, or are put
-    # back unseen. 72 more: decisions that stood in other files have functions and files of their own.
+    # back unseen. 72 more: decisions that stood in other files have functions of their own.
     'wrist_ft_comp': 23_307,
     'test': 19_083,
     'bench': 5_200,
