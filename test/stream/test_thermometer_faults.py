@@ -363,3 +363,13 @@ def test_a_single_one_is_doubted_when_it_stands_still_longer_than_ever(repeats_s
     moved_c = 20.0 + 0.1 * (np.arange(0, 4000, 5) // repeats_s)
     readings_c = np.append(moved_c, np.full(still_s // 5, 70.0))
     assert thermometer_faults.too_still_s(readings_c, 5.0) == (still_s if said else 0)
+
+
+def test_one_that_freezes_on_a_quiet_robot_is_doubted_by_its_own_stands(learn, make_day):
+    model = replace(learn(3).model, deviation={'force_z': 0.02})
+    compensator, day = Compensator(3, model=model), failing(make_day(6), 'frozen', begin=300)
+    stream(compensator, day, end=359)
+    assert frozen_doubts(compensator.tracker) == []
+    stream(compensator, day, 359, 363)
+    (doubt,) = frozen_doubts(compensator.tracker)
+    assert 'thermometer 2 has read the same for 620 s while the others show' in doubt

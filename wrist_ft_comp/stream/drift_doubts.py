@@ -37,10 +37,11 @@ def gap_doubts(tracker: DriftTracker) -> list[str]:
 def frozen_doubts(tracker: DriftTracker) -> list[str]:
     """Say which thermometers may be frozen, and how far the drift is off then."""
     state, model, period_ns = tracker.thermometers, tracker.model, tracker.grid.period_ns
+    too_still_s, period_s = thermometer_faults.too_still_s, period_ns / NANOSECONDS
     if state is None or model is None or model.prediction is None:
         silent, sentences = tracker.grid.silent(tracker.end_ns // period_ns), list[str]()
         for j, readings_c in enumerate(tracker.history_c.T):
-            still_s = thermometer_faults.too_still_s(readings_c, period_ns / NANOSECONDS)
+            still_s = too_still_s(readings_c, period_s)
             if still_s and not silent[j]:
                 sentences.append(
                     f'thermometer {j + 1} has read the same for {still_s / 60:.0f} min, ten '
@@ -52,7 +53,11 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
         # Held-out predictions were off by a third of this at most.
         if worst := _off(model, tracker.effect(one[j] * model.prediction.agree_k / 3)):
             sentences.append(f'by what is predicted of thermometer {j + 1}, {worst} off')
-    for j in np.flatnonzero(state.suspicious(model.prediction)).tolist():
+    far = state.suspicious(model.prediction, 0.5)
+    for j in np.flatnonzero(state.suspicious(model.prediction, 0.2)).tolist():
+        # Where the robot hardly warms, one that is frozen is found by its own stands before.
+        if not far[j] and not too_still_s(tracker.history_c[:, j], period_s):
+            continue
         if worst := _off(model, tracker.effect(one[j] * state.moved_k)):
             sentences.append(
                 f'thermometer {j + 1} has read the same for {state.still_s[j]:.0f} s while '

@@ -285,11 +285,12 @@ class ThermometerState:
         silent = self.silent_s > prediction.silence_s
         return np.asarray(~silent & (self.moved_k <= prediction.still_k))
 
-    def suspicious(self, prediction: ThermometerPrediction) -> BoolArray:
-        """Which thermometers stand still, but not yet for long enough to be replaced, (J,)."""
+    def suspicious(self, prediction: ThermometerPrediction, share: float) -> BoolArray:
+        """Which stand still, and should have moved by a share of what replaces them, (J,)."""
         stands_still = (self.still_s >= _SMOOTHING_S) & (self.silent_s == 0)
-        half_as_far = self.moved_k > prediction.still_k / 2
-        return np.asarray(stands_still & half_as_far & ~self.replaced)
+        return np.asarray(
+            stands_still & (self.moved_k > share * prediction.still_k) & ~self.replaced
+        )
 
     @property
     def sentences(self) -> list[str]:
