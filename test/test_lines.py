@@ -21,7 +21,7 @@ MOST = {
     # warm robot and a gap without a model left up to 15 N with every status OK; a driver that was
     # started again cost the recording. 95 more: decisions have files of their own names.
     # 52 more, and 37 of tests: thermometers that change places while the node is off, or are put
-    # back unseen, or freeze on a quiet robot. 72 more: decisions that stood in other files have functions of their own.
+    # back unseen, or freeze on a quiet robot. 72 more: decisions have functions of their own.
     'wrist_ft_comp': 23_313,
     'test': 19_092,
     'bench': 5_200,
