@@ -40,7 +40,7 @@ QUIET_S = 3600.0
 #: them, by these words: four of its slowest time constants.
 REMEMBERED_S = 12000.0
 REMEMBERING = {'thermometer', 'clock', 'node'}
-REMEMBERED = 'thermal state|model remembers'
+REMEMBERED = 'thermal state|model remembers|until it came back'
 #: Mean time between events, s.
 BETWEEN_S = 2400.0
 #: An operator tares this long after a status asked for it by such words, s.

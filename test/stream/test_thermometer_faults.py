@@ -88,7 +88,7 @@ def test_a_jump_is_told_over_a_restart_until_it_comes_back(make_model, tmp_path)
 @pytest.mark.parametrize(
     ('readings_c', 'why'),
     [
-        ([20.0] * 300 + [40.0] * 900 + [20.0] * 200, 'was off by 20.0 K until it jumped back'),
+        ([20.0] * 300 + [40.0] * 900 + [20.0] * 200, 'was off by 20.0 K until it came back'),
         ([20.0] * 300 + [40.0] * 200, 'jumped by 20.0 K and stayed'),
     ],
 )

@@ -116,7 +116,7 @@ def jump_doubts(tracker: DriftTracker) -> list[str]:
             )
         elif spikes.jump.off_k and spikes.remembered_s(tracker.end_ns, memory_s):
             said.append(
-                f'thermometer {j + 1} was off by {spikes.jump.off_k:.1f} K until it jumped back; '
+                f'thermometer {j + 1} was off by {spikes.jump.off_k:.1f} K until it came back; '
                 f'the model remembers that for {memory_s / 60:.0f} min'
             )
     return said
