@@ -311,7 +311,8 @@ class TestTare:
         for second in range(900):
             exchanged = second >= 300 and not (back and second >= 600)
             for j in (0, 1):
-                compensator.add_temperature(j, second * SECOND, 28.0 - 8.0 * (j == exchanged))
+                apart_k = 8.0 - 4.0 * min(max(second - 400, 0) / 100, 1)  # they come nearer
+                compensator.add_temperature(j, second * SECOND, 28.0 - apart_k * (j == exchanged))
             if second == 650 and not back:
                 compensator.reset_tare()
             if second in {400, 700}:

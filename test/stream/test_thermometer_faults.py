@@ -373,3 +373,9 @@ def test_one_that_freezes_on_a_quiet_robot_is_doubted_by_its_own_stands(learn, m
     stream(compensator, day, 359, 363)
     (doubt,) = frozen_doubts(compensator.tracker)
     assert 'thermometer 2 has read the same for 620 s while the others show' in doubt
+
+
+def test_a_jump_before_a_gap_is_told_after_it_however_far_it_cooled():
+    _, spikes = counted([*LONG, 25.0, 25.0])
+    assert spikes.admit(1800 * SECOND, 21.0)
+    assert spikes.stayed_k == 5.0

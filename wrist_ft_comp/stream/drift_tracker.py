@@ -165,11 +165,10 @@ class DriftTracker:
             replaced = self.thermometers.replaced.tolist()
             for spikes, is_replaced in zip(self.spikes, replaced, strict=True):
                 spikes.replace(self.end_ns, is_replaced=is_replaced)
-            thermometer_faults.end_exchange(
-                self.spikes, prediction, self.thermometers, self.end_ns
-            )
             believed_again = state.replaced & ~self.thermometers.replaced
             agreed_k = np.where(believed_again, prediction.agree_k, 0.0)
+        predicts = None if self.model is None else self.model.prediction
+        thermometer_faults.end_exchange(self.spikes, predicts, self.thermometers, self.end_ns)
 
         # Run the model through the gap, on a straight line, and through the cell.
         line_c = believed_c[np.newaxis]

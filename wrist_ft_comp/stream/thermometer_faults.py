@@ -152,8 +152,8 @@ class SpikeFilter:
         agrees = other is not None and not _apart(other.last, sample)
         if not _apart(believed.last, sample):
             self._believed, self._other = _Run(believed.begin_ns, sample, believed.count + 1), None
-            if agrees:
-                self.note_jump(stamp_ns, temperature_c - believed_c)
+            if other is not None and agrees:  # over a gap, both may have cooled
+                self.note_jump(stamp_ns, other.last[1] - believed_c)
             return True
         begin_ns = other.begin_ns if other is not None and agrees else stamp_ns
         lasted_ns = believed_ns - believed.begin_ns
@@ -213,12 +213,16 @@ def exchanged_by_jumps(spikes: Sequence[SpikeFilter]) -> list[tuple[int, int]]:
     """Find pairs that jumped at once, one up as far as the other down, which no tare mends."""
     pairs = []
     for (i, one), (j, other) in combinations(enumerate(spikes), 2):
-        up_k, down_k = one.stayed_k, other.stayed_k
-        alike = up_k and down_k and abs(up_k + down_k) < _ALIKE_SHARE * abs(up_k - down_k)
         apart_ns = (one.jump.at_ns or 0) - (other.jump.at_ns or 0)
-        if alike and abs(apart_ns) <= _AT_ONCE_S * NANOSECONDS:
+        at_once = abs(apart_ns) <= _AT_ONCE_S * NANOSECONDS
+        if at_once and _are_opposite(one.stayed_k, other.stayed_k):
             pairs.append((i, j))
     return pairs
+
+
+def _are_opposite(up_k: float, down_k: float) -> bool:
+    """Whether one jumped up as far as the other down."""
+    return bool(up_k and down_k and abs(up_k + down_k) < _ALIKE_SHARE * abs(up_k - down_k))
 
 
 def note_exchange(
@@ -434,17 +438,27 @@ def exchanged(
 
 
 def end_exchange(
-    spikes: Sequence[SpikeFilter], prediction: ThermometerPrediction, state: ThermometerState,
-    now_ns: int,
+    spikes: Sequence[SpikeFilter], prediction: ThermometerPrediction | None,
+    state: ThermometerState | None, now_ns: int,
 ) -> None:  # fmt: skip
-    """End the jumps of a pair that reads what is expected of it, and would not if exchanged."""
-    near = np.abs(state.reading_c - state.predicted_c) <= prediction.agree_k
+    """
+    End the jumps of a pair that was put back.
+
+    It jumped a second time, by what they differ by then, or it reads what is expected of it, and
+    would not if it were exchanged.
+    """
     for i, j in exchanged_by_jumps(spikes):
-        wrong = _off_exchanged(prediction, state, i, j) > EXCHANGED * prediction.agree_k
-        lasted_ns = now_ns - (spikes[i].jump.at_ns or 0)
-        if (near & wrong)[[i, j]].all() and lasted_ns > AGREED_S * NANOSECONDS:
-            spikes[i].end_jump(now_ns)
-            spikes[j].end_jump(now_ns)
+        one, other = spikes[i].jump, spikes[j].jump
+        steps_k = one.by_k - one.off_k, other.by_k - other.off_k
+        if _are_opposite(one.off_k, other.off_k) and _are_opposite(*steps_k):
+            spikes[i].jump, spikes[j].jump = one._replace(by_k=0.0), other._replace(by_k=0.0)
+        elif prediction is not None and state is not None:
+            near = np.abs(state.reading_c - state.predicted_c) <= prediction.agree_k
+            wrong = _off_exchanged(prediction, state, i, j) > EXCHANGED * prediction.agree_k
+            lasted_ns = now_ns - (one.at_ns or 0)
+            if (near & wrong)[[i, j]].all() and lasted_ns > AGREED_S * NANOSECONDS:
+                spikes[i].end_jump(now_ns)
+                spikes[j].end_jump(now_ns)
 
 
 def _off_exchanged(
