@@ -130,7 +130,7 @@ def _explain(
     if not len(firsts) or len(t) < 8:
         return None
     steps = np.asarray(np.arange(len(t))[:, None] >= firsts, dtype=float)
-    lags_s = [lag_s for lag_s in _HEAT_S if lag_s >= 2 * period_s]
+    lags_s = [lag_s for lag_s in _HEAT_S if lag_s >= 2 * period_s] or [2 * period_s]
     last_s = t[firsts - 1] + period_s / 2
     near_heats = _heats(t, np.concatenate((last_s, last_s - 5.0, last_s - 10.0)), lags_s)
     far_s = np.arange(_HIDING_S, BESIDE_S, 10.0)

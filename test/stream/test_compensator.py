@@ -58,7 +58,7 @@ def steps(outputs):
 
 def test_the_output_is_the_equation_with_the_drift_of_its_time(model):
     compensator = Compensator(1, StreamSettings(), model)
-    compensator.restore_tare(LOAD / 2, LOAD / 4)
+    compensator.restore_tare(LOAD / 2, LOAD / 4, tared=True)
     stamps, outputs = stream(compensator, (0, 120))
     temperatures = np.arange(240) * SECOND // 2
     celsius = np.array([[warming(stamp)] for stamp in temperatures.tolist()])
@@ -264,7 +264,7 @@ class TestTare:
     def test_a_tare_long_before_the_model_is_doubted(self, model, waited_s, doubts):
         compensator = Compensator(1, StreamSettings())
         if waited_s is None:
-            compensator.restore_tare(LOAD, LOAD, before_drift=True)
+            compensator.restore_tare(LOAD, LOAD, tared=True, before_drift=True)
         stream(compensator, (0, 100))
         if waited_s:
             compensator.set_tare(LOAD, (100 - waited_s) * SECOND)

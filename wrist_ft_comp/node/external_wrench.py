@@ -157,7 +157,8 @@ class ExternalWrench(Part):
         tare, external_tare = self.compensator.tare, self.compensator.external_tare
         tared = external_tare.any()
         if tared and apart_deg > _CONTRADICTION_DEG:
-            self.compensator.restore_tare(tare, np.zeros(len(AXES)))
+            none = np.zeros(len(AXES))
+            self.compensator.restore_tare(tare, none, tared=self.compensator.tared)
             self.compensator.doubt_zero(
                 f'specific force is turned otherwise than for {before.name}, by {apart_deg:.0f} '
                 'degrees, and the tare of wrench_external is zero again; call ~/tare'

@@ -65,7 +65,7 @@ class TareService(Part):
         if self._collector is None:
             return
         self._weights.append(self.external.weight_at(stamp_ns))
-        self._drifts.append(self.compensator.compensation_at(stamp_ns).zero)
+        self._drifts.append(self.compensator.tared_with(stamp_ns).zero)
         if self._collector.add(stamp_ns, raw):
             self._collector = None
 
@@ -78,7 +78,8 @@ class TareService(Part):
         """Collect wrenches for the whole time, of a living sensor, and tare."""
         chosen, payload = self.hub.chosen(), self.external.payload
         collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
-        lasted_ns, went_on_s = 0, time.monotonic()
+        lasted_ns, went_on_s, stream = 0, time.monotonic(), self.compensator
+        model, had_drift = stream.model, stream.compensating
         self._collector, self._weights, self._drifts = collector, [], []
         self.hub.listen(self, wanted=True)
         try:
@@ -118,10 +119,14 @@ class TareService(Part):
                 f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look at '
                 'the status payload and call again.'
             )
+        if stream.model is not model or stream.compensating != had_drift:
+            raise TareRefusedError(
+                'The model was changed, or its drift began, while the tare was taken. Both tares '
+                'stay as they were. Call again.'
+            )
         # The tare is of the drift at one stamp, and a minute of a warm-up drifts.
-        now = self.compensator.compensation_at(stamp_ns).zero
-        mean = mean + now - np.mean(self._drifts, axis=0)
-        tare = self.compensator.set_tare(mean, stamp_ns, weight)
+        mean = mean + stream.tared_with(stamp_ns).zero - np.mean(self._drifts, axis=0)
+        tare = stream.set_tare(mean, stamp_ns, weight)
         self.external.tared_s = time.monotonic()
         problems: list[str] = []
         self.state_keeper.save(problems.append)

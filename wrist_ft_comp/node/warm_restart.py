@@ -72,7 +72,7 @@ class StateKeeper(Part):
         memory, model = state.thermal, self.compensator.model
         if state.tare.any() or state.external_tare.any():
             self.compensator.restore_tare(
-                state.tare, state.external_tare, before_drift=memory is None
+                state.tare, state.external_tare, tared=state.tared, before_drift=memory is None
             )
             self.hub.log.info('the tare from before the restart is active')
             self.counts.drivers = set(state.drivers)
@@ -123,7 +123,7 @@ class StateKeeper(Part):
         saved_ns = self._loaded_ns if stream.tracker.awaited is not None else time.time_ns()
         state = SavedState(
             saved_ns, self.live.sha256, stream.tare, stream.memory(), stream.external_tare,
-            tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers)),
+            stream.tared, tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers)),
         )  # fmt: skip
         self.writer.put(self.path.name, partial(self._write, state), then)
 

@@ -175,6 +175,8 @@ class WeightCheck:
             return None
         # d × ΔW, linear in d: one block of three rows a change.
         torque = changes[free, 0, 3:] - changes[free, 1, 3:]
+        if not changes[:, 0, 3:].any():  # a sensor of forces alone
+            torque = np.zeros_like(torque)
         rows = np.cross(np.eye(3), weight[free][:, None]).swapaxes(1, 2)
         shift, *_ = np.linalg.lstsq(rows.reshape(-1, 3), torque.ravel(), rcond=None)
         rest = np.median(np.linalg.norm(torque - rows @ shift, axis=1))

@@ -45,6 +45,8 @@ class SavedState:
     thermal: ThermalMemory | None
     #: As the tare, of the external wrench.
     external_tare: FloatArray = field(default_factory=lambda: np.zeros(len(AXES)))
+    #: Whether somebody tared; a change of model makes tares without that, too.
+    tared: bool = True
     #: Why the zero may be another one since the last tare.
     zero_doubts: tuple[str, ...] = ()
     #: The publishers of raw wrenches, by their identity in the graph.

@@ -128,7 +128,7 @@ class Compensator:
         cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
         if not cells or not self.compensating:
             return cells
-        target = self.limits.saturate(self.tracker.drift)
+        target = self.target
         since_ns = self._waits_since_ns
         if had_drift and since_ns is not None and self.tracker.end_ns < since_ns < math.inf:
             since_ns = None  # a cell from before the tare, as of a clock that stood still
@@ -172,10 +172,24 @@ class Compensator:
             )
         ]
 
+    @property
+    def target(self) -> Drift:
+        """What the model says now, within the limits; the compensation moves there."""
+        return self.limits.saturate(self.tracker.drift)
+
+    def _lags(self, drift: Drift) -> bool:
+        """Whether what is subtracted has yet to catch up with the model."""
+        return bool((np.abs(self.target.zero - drift.zero) > axis_limits(_RAMP_N)).any())
+
     def compensation_at(self, stamp_ns: int) -> Drift:
         """Compute what is subtracted at a stamp, ns, arrays of shape (6,)."""
         share, ends = self._share(stamp_ns), zip(self._begun, self.compensation, strict=True)
         return Drift(*(before + share * (after - before) for before, after in ends))
+
+    def tared_with(self, stamp_ns: int) -> Drift:
+        """Give the drift for a tare at a stamp, ns: what is subtracted, unless that lags behind."""
+        drift = self.compensation_at(stamp_ns)
+        return self.target if self._lags(drift) else drift
 
     def go_live(self, model: DriftModel | None, keep_output_of: Wrench | None = None) -> None:
         """
@@ -187,6 +201,8 @@ class Compensator:
         """
         if model is not None:
             check_fits(model, self.thermometers)
+        if keep_output_of is not None and self._lags(self.compensation_at(keep_output_of[0])):
+            self.doubt_zero('the drift lagged behind when the model was changed; call ~/tare')
         self.tracker.use(model)
         if self._waits_since_ns is not None and self.compensating:
             since_ns, begun_ns = self._waits_since_ns, self.tracker.end_ns
@@ -195,7 +211,7 @@ class Compensator:
             self._waits_since_ns = None
         elif self._waits_since_ns is None:
             self._waits_since_ns = keep_output_of[0] if self.tared else math.inf
-        self._settle(self.limits.saturate(self.tracker.drift), keep_output_of)
+        self._settle(self.target, keep_output_of)
 
     def set_tare(
         self, raw: FloatArray, stamp_ns: int, weight: FloatArray | None = None
@@ -206,11 +222,10 @@ class Compensator:
         The external wrench reads zero, too: of a sensor that carries the payload's mean weight,
         N and N m, or nothing.
         """
-        drift, target = self.compensation_at(stamp_ns), self.limits.saturate(self.tracker.drift)
-        if (np.abs(target.zero - drift.zero) > axis_limits(_RAMP_N)).any():
+        drift = self.tared_with(stamp_ns)
+        if self._lags(self.compensation_at(stamp_ns)):
             # As after a night: later, the output would move by the rest of the ramp.
-            self._settle(target, None)
-            drift = target
+            self._settle(drift, None)
         self.tare = np.nan_to_num(raw - drift.zero)  # axes that the sensor has not
         carried = np.zeros(len(AXES)) if weight is None else weight
         self.external_tare = self.tare - (1.0 + drift.sensitivity) * carried
@@ -240,19 +255,19 @@ class Compensator:
         """Forget both tares."""
         self._waits_since_ns = None
         self._forget_doubts()
-        self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
+        self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)), tared=False)
 
     def restore_tare(
-        self, tare: FloatArray, external: FloatArray, *, before_drift: bool = False
+        self, tare: FloatArray, external: FloatArray, *, tared: bool, before_drift: bool = False
     ) -> None:
         """
-        Subtract tares, N and N m, that ``set_tare`` made with the same model before.
+        Subtract tares, N and N m, that were made with the same model before; not all are a tare.
 
         Those that were made ``before_drift``, without a temperature, take up the drift when it
         begins.
         """
         self.tare, self.external_tare = tare, external
-        self.tared = bool(tare.any() or external.any())
+        self.tared = tared
         if before_drift:
             self._waits_since_ns = -math.inf
         self._refresh_correction()
@@ -268,7 +283,7 @@ class Compensator:
         self._said = [
             why for why in self._said if why not in drift_doubts.jump_doubts(self.tracker)
         ]
-        self._settle(self.limits.saturate(self.tracker.drift), None)
+        self._settle(self.target, None)
 
     def _share(self, stamp_ns: int) -> float:
         """Share of the ramp that is done at a stamp, 0 to 1."""

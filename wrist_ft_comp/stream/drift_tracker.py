@@ -141,7 +141,10 @@ class DriftTracker:
         gap = 0 if self._next is None else cell.number - self._next
         gap_s, history_c, state_before = gap * period_s, self.history_c, self.state
         goes_on = self._goes_on(gap_s) if gap or self.awaited else True
-        is_doubtful = not goes_on or gap_s > temperature_gaps.LEAST_GAP_S
+        # A pause of thermometers that report seldom is none.
+        usual_s = 2 * period_s * max(map(self.grid.spacing, range(self._count)))
+        is_long = gap_s > max(temperature_gaps.LEAST_GAP_S, usual_s)
+        is_doubtful = not goes_on or is_long
         gap = max(gap, 0) if goes_on else 0
 
         if gap_s > 0 and self.reading_c is not None:
@@ -174,7 +177,7 @@ class DriftTracker:
         line_c = believed_c[np.newaxis]
         if gap and self.temperature_c is not None:
             line_c = temperature_gaps.line_over_gap(self.temperature_c, believed_c, gap)
-            if gap_s > temperature_gaps.LEAST_GAP_S:
+            if is_long:
                 self._gap_s, self._slope_k = gap_s, line_c[1] - line_c[0]
                 self._cells_after = 0
         most = max(round(temperature_gaps.MOST_GAP_S / period_s), 1)
@@ -281,8 +284,12 @@ class DriftTracker:
             self.origin = f'the drift was found from {len(self.history_c)} thermal cells before'
             begun_ns = self.end_ns - len(self.history_c) * model.period_ns
             off = self._off_at_start(model, 0)
-            if off.any() and self.uncertainty is None:
-                self.uncertainty = Uncertainty(begun_ns + self._span(model) * model.period_ns, off)
+            if off.any():
+                begun = Uncertainty(begun_ns + self._span(model) * model.period_ns, off)
+                known, self.uncertainty = self.uncertainty, begun
+                if known is not None:  # as a quicker model saw it
+                    both = (one.left(self.end_ns, self.memory_s) for one in (known, begun))
+                    self.uncertainty = Uncertainty(self.end_ns, np.maximum(*both))
             # A model that was live in the gap, or after it, has bounded it.
             if not was_live and (off := self._off_in_gap(model)).any():
                 since_ns = self.end_ns - self._cells_after * model.period_ns

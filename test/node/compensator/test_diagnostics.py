@@ -112,7 +112,7 @@ def test_the_figures_that_people_look_for_are_in_the_statuses(rig, make_model):
     assert node.set('model_file', str(model.path)).successful
     node.warm_up(30.0)
     node.ask_output(START + 3 * SECOND, LOAD)
-    node.node.compensator.restore_tare(np.array([0, 0, 3.0, 0, 0, 0]), np.zeros(6))
+    node.node.compensator.restore_tare(np.array([0, 0, 3.0, 0, 0, 0]), np.zeros(6), tared=True)
     for name, words, values in (
         ('model', 'compensating 1 axis', {
             'axes': 'force_z', 'sha256': model.sha256, 'file': str(model.path),

@@ -286,13 +286,13 @@ def test_a_payload_of_another_turn_resets_the_other_tare(held, tmp_path):
     part = held(('day', ForceFrame(np.eye(3), source='imu', wrench_frame='tool0')))
     part.hub.set(part.part, **BY_HAND)
     compensator = part.part.compensator
-    compensator.restore_tare(CONSTANT, CONSTANT)
+    compensator.restore_tare(CONSTANT, CONSTANT, tared=True)
     add_payloads(tmp_path / 'models/payloads.json', 'node', [TOOL], MOUNTED)
     part.hub.set(part.part, **BY_HAND)
     assert not compensator.external_tare.any()
     assert compensator.tare.any()
     assert 'by 180 degrees, and the tare of wrench_external is zero' in compensator.zero_doubts[0]
-    compensator.restore_tare(CONSTANT, CONSTANT)
+    compensator.restore_tare(CONSTANT, CONSTANT, tared=True)
     part.hub.set(part.part, **{'payload.active': 'node-1'})
     assert compensator.external_tare.any(), 'the same turn needs no second tare'
     part.feel(START, UP)
