@@ -56,3 +56,13 @@ def test_a_weight_that_turns_otherwise_than_specific_force_says(leans_deg, found
         check.add(np.append(force_n, np.zeros(3)), np.append(11.8 * np.array(up), np.zeros(3)))
         said = said or check.found
     assert ('is turned otherwise, or stands still: is z of gravity.frame up' in said) == found
+
+
+def test_a_sensor_of_forces_alone_has_no_centre_of_mass():
+    rng, check = np.random.default_rng(0), WeightCheck('tool')
+    for second in np.arange(0.0, 200.0, 1.01):
+        angles = 0.9 * np.sin(second / 12), 1.2 * np.sin(second / 7)
+        force_n = Rotation.from_euler('yx', angles).inv().apply([0, 0, 11.8])
+        weight = np.append(force_n, np.cross([0.01, -0.02, 0.08], force_n))
+        check.add(np.append(force_n + rng.normal(0, 0.05, 3), np.zeros(3)), weight)
+    assert check.found == ''

@@ -337,6 +337,24 @@ class TestTare:
         said = '1 and 2 jumped at once, one up as far' in ''.join(second.zero_doubts)
         assert said == (before != after)
 
+    def test_a_drift_that_lags_is_tared_by_the_model_and_doubted_at_a_change(self, model):
+        compensator = Compensator(1, StreamSettings(max_drift_rate_n_s=0.01), model)
+        for second in range(60):
+            compensator.add_temperature(0, second * SECOND, 20.0 + second)
+        at = 59 * SECOND
+        np.testing.assert_array_equal(compensator.tared_with(at), compensator.target)
+        assert np.abs(compensator.target.zero - compensator.compensation_at(at).zero).max() > 1
+        compensator.go_live(replace(model, day_limits={}), (at, LOAD.tolist()))
+        assert 'lagged behind when the model was changed' in compensator.zero_doubts[0]
+
+    @pytest.mark.parametrize('pause_s', [100, 600])
+    def test_a_pause_of_a_thermometer_that_reports_seldom_is_no_gap(self, make_model, pause_s):
+        model = make_model({'force_z': (1.0, 0.0, 300.0)}, range_c=(20.0, 60.0))
+        compensator = Compensator(1, model=replace(model, deviation={'force_z': 0.02}))
+        for second in (*range(0, 3000, 100), *range(2900 + pause_s, 4000, 100)):
+            compensator.add_temperature(0, second * SECOND, 30.0 + 2 * np.sin(second / 300))
+        assert bool(gap_doubts(compensator.tracker)) == (pause_s > 200)
+
     def test_a_tare_is_kept_by_cells_of_its_own_time(self, model):
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 60))

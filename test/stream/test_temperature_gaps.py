@@ -163,6 +163,17 @@ def test_a_gap_without_a_model_is_doubted_beside_a_warm_start(make_model):
     assert said[1] > 2 * said[0]
 
 
+def test_a_slow_model_behind_a_quick_one_is_doubted_as_far_as_alone(make_model):
+    both, alone = Compensator(1, model=doubting(make_model, 30.0)), Compensator(1)
+    for second in range(900):
+        celsius = 35.0 + second / 300
+        both.add_temperature(0, START + second * SECOND, celsius)
+        alone.add_temperature(0, START + second * SECOND, celsius)
+    for compensator in (both, alone):
+        compensator.go_live(doubting(make_model, 1200.0))
+    assert gap_doubts(both.tracker) == gap_doubts(alone.tracker) != []
+
+
 @pytest.mark.parametrize(
     ('start_c', 'past_k_s', 'rate_k_s', 'is_said'),
     [

@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from wrist_ft_comp.series import FloatArray, IntArray
+from wrist_ft_comp.series import FloatArray, IntArray, ROUNDING
 
 #: The weight has changed where its force differs by this, N: seven times the noise of common
 #: sensors, 0.3 N.
@@ -175,7 +175,7 @@ class WeightCheck:
             return None
         # d × ΔW, linear in d: one block of three rows a change.
         torque = changes[free, 0, 3:] - changes[free, 1, 3:]
-        if not changes[:, 0, 3:].any():  # a sensor of forces alone
+        if np.median(np.abs(changes[:, 0, 3:])) < ROUNDING:  # a sensor of forces alone
             torque = np.zeros_like(torque)
         rows = np.cross(np.eye(3), weight[free][:, None]).swapaxes(1, 2)
         shift, *_ = np.linalg.lstsq(rows.reshape(-1, 3), torque.ravel(), rcond=None)

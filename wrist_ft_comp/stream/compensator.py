@@ -187,7 +187,7 @@ class Compensator:
         return Drift(*(before + share * (after - before) for before, after in ends))
 
     def tared_with(self, stamp_ns: int) -> Drift:
-        """Give the drift for a tare at a stamp, ns: what is subtracted, unless that lags behind."""
+        """Give the drift for a tare at a stamp, ns: what is subtracted, unless that lags."""
         drift = self.compensation_at(stamp_ns)
         return self.target if self._lags(drift) else drift
 

@@ -283,13 +283,13 @@ class DriftTracker:
             self._run(model, self.history_c)
             self.origin = f'the drift was found from {len(self.history_c)} thermal cells before'
             begun_ns = self.end_ns - len(self.history_c) * model.period_ns
+            known, self.uncertainty = self.uncertainty, None
             off = self._off_at_start(model, 0)
-            if off.any():
-                begun = Uncertainty(begun_ns + self._span(model) * model.period_ns, off)
-                known, self.uncertainty = self.uncertainty, begun
-                if known is not None:  # as a quicker model saw it
-                    both = (one.left(self.end_ns, self.memory_s) for one in (known, begun))
-                    self.uncertainty = Uncertainty(self.end_ns, np.maximum(*both))
+            begun = Uncertainty(begun_ns + self._span(model) * model.period_ns, off)
+            self.uncertainty = begun if off.any() else known
+            if off.any() and known is not None:  # as a quicker model saw it
+                both = (one.left(self.end_ns, self.memory_s) for one in (known, begun))
+                self.uncertainty = Uncertainty(self.end_ns, np.maximum(*both))
             # A model that was live in the gap, or after it, has bounded it.
             if not was_live and (off := self._off_in_gap(model)).any():
                 since_ns = self.end_ns - self._cells_after * model.period_ns

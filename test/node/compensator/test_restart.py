@@ -140,6 +140,11 @@ def test_a_tare_without_a_drift_keeps_the_output_over_a_restart(restart, stored)
     assert restarted.output(6, TARE) == pytest.approx(0.0)
 
 
+@pytest.mark.parametrize('tared', [True, False])
+def test_what_a_change_of_model_kept_is_no_tare_after_a_restart_either(restart, warm, tared):
+    assert restart(replace(warm, tared=tared)).compensator.tared == tared
+
+
 def test_a_broken_state_is_said_and_replaced(restart, tmp_path):
     path = tmp_path / 'state.json'
     path.write_bytes(b'{')

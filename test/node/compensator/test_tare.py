@@ -81,6 +81,16 @@ def test_a_tare_is_of_the_mean_drift_of_its_time(rig):
     np.testing.assert_allclose(stream.tare, OFFSET - 0.0005, atol=5e-5)
 
 
+def test_a_tare_over_a_change_of_the_model_is_refused(rig):
+    node, stream = (one := rig()), one.node.compensator
+    answers = begin(node)
+    stream.tracker.model = object()
+    for k, stamp in enumerate(STAMPS):
+        node.ask_output(int(stamp), WRENCHES[k])
+    node.wait_until(lambda: not answers.empty(), 'the answer')
+    assert 'The model was changed, or its drift began' in answers.get().message
+
+
 @pytest.mark.parametrize(
     ('wrenches', 'sentence'),
     [
