@@ -22,8 +22,10 @@ MOST = {
     # started again cost the recording. 95 more: decisions have files of their own names.
     # 65 more, and 44 of tests: thermometers that change places while the node is off, or are put
     # back unseen, or freeze on a quiet robot. 72 more: decisions have functions of their own.
-    'wrist_ft_comp': 23_326,
-    'test': 19_099,
+    # 32 more, and 62 of tests: a tare that nobody took, and tares or models while the drift lags,
+    # left 3 to 40 N with every status OK.
+    'wrist_ft_comp': 23_358,
+    'test': 19_161,
     'bench': 5_200,
 }
 

@@ -124,6 +124,6 @@ def test_a_load_that_is_known_is_left_alone(day):
 
 
 def test_a_row_in_ten_minutes_is_no_fault(day):
-    slow = day(period_s=600.0, cells=60, add=stepped((30, 5.0), cells=60))
+    slow = day(period_s=600.0, cells=60, add=stepped((30, 50.0), cells=60))
     (still,), _ = segment([slow], 'unloaded')
     assert len(still) == 60

@@ -352,7 +352,7 @@ class TestTare:
         model = make_model({'force_z': (1.0, 0.0, 300.0)}, range_c=(20.0, 60.0))
         compensator = Compensator(1, model=replace(model, deviation={'force_z': 0.02}))
         for second in (*range(0, 3000, 100), *range(2900 + pause_s, 4000, 100)):
-            compensator.add_temperature(0, second * SECOND, 30.0 + 2 * np.sin(second / 300))
+            compensator.add_temperature(0, second * SECOND, 30.0 + 4 * np.sin(second / 300))
         assert bool(gap_doubts(compensator.tracker)) == (pause_s > 200)
 
     def test_a_tare_is_kept_by_cells_of_its_own_time(self, model):
