@@ -15,7 +15,7 @@ from wrist_ft_comp.node.raw_wrench import Counts, is_silent
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.payload.live_weight import LivePayload, MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, MOST_KG
-from wrist_ft_comp.payload.weight_check import HiddenWeight, WeightCheck
+from wrist_ft_comp.payload.weight_check import HiddenWeight, TareCheck, WeightCheck
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
@@ -59,6 +59,8 @@ class ExternalWrench(Part):
     tared_s: float = -math.inf
     #: Whether a payload was on at a tare without its name.
     _hidden: HiddenWeight = field(default_factory=HiddenWeight)
+    #: Whether it was another payload.
+    _tare_check: TareCheck = field(default_factory=TareCheck)
     #: The payload before the present one.
     _last: LivePayload | None = None
     _growth: Growth = field(default_factory=Growth)
@@ -177,14 +179,24 @@ class ExternalWrench(Part):
         }
         for axis, value in zip(AXES, self.compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
+        doubts = list(self._doubts(grown))
         newest = self.counts.newest if grown['came'] else None
         force = newest and self.specific_force.forces.at(newest[0])
         if payload is not None and newest is not None and force is not None:
-            wrench = self.compensator.correct(*newest[:2], external=True)
-            external = payload.taken_off(wrench, force)
+            wrench = np.array(self.compensator.correct(*newest[:2], external=True))
+            weight = np.array(payload.weight(force))
+            external = wrench - weight
+            self.check.add(wrench, weight)
             for axis, value in zip(AXES, external, strict=True):
                 numbers[f'{axis}_external'] = f'{value:.4g} {axis_unit(axis)}'
-            rest_n, weight_n = (math.hypot(*w[:3]) for w in (external, payload.weight(force)))
+            off_n = self._tare_check.off_n(self.tared_s, external[:3], weight[:3])
+            if off_n and self.compensator.tared and not self.check.found:
+                doubts.append(
+                    f'wrench_external rests at {off_n:.2g} N in all directions: at the tare, '
+                    'another payload was mounted than was named, or the zero is another one since '
+                    'then; free the tool, name what is mounted, and call ~/tare'
+                )
+            rest_n, weight_n = (math.hypot(*w[:3]) for w in (external, weight))
             if self._hidden.look(time.monotonic(), self.tared_s, rest_n, weight_n):
                 self.compensator.doubt_zero(
                     f'the weight of {payload.name} does not show, and the tare was taken while '
@@ -195,7 +207,6 @@ class ExternalWrench(Part):
             well = f'identifying a payload: {self.collector.share:.0%} of a minute'
         elif payload is not None:
             well = f'subtracting {payload.name}'
-        doubts = list(self._doubts(grown))
         wrong = list(self._weight_doubts(payload)) if self.wanted else []
         self.wrong = wrong[0] if wrong and payload is not None else ''
         late = self.check.found or time.monotonic() - self.tared_s < _JUDGED_S
@@ -221,7 +232,6 @@ class ExternalWrench(Part):
 
     def _weight_doubts(self, payload: LivePayload | None) -> Iterator[str]:
         """Say why the weight is wrong that is taken off, or is to be identified."""
-        forces, wrench = self.specific_force.forces, self.counts.newest
         frame = ForceFrame() if payload is None else payload.frame
         yield from self.specific_force.value_doubts(frame)
         if payload is None:
@@ -231,7 +241,4 @@ class ExternalWrench(Part):
                 f'{payload.name} was learnt under other frame_ids: {changed}; is it another '
                 'sensor?'
             )
-        if wrench is not None and (at_stamp := forces.at(wrench[0])) is not None:
-            corrected = self.compensator.correct(*wrench[:2], external=True)
-            self.check.add(np.array(corrected), np.array(payload.weight(at_stamp)))
         yield from filter(None, [self.check.found])

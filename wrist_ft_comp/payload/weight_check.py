@@ -41,6 +41,9 @@ _FORCES, _DIRECTIONS, _IN_A_ROW, _ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
 _SHOWN_S = 10.0
 #: A force that moves by less than this share of the weight is that of an empty sensor.
 _MOUNTED_SHARE = 0.2
+#: What is left of a free force without the weight is less than this, N, after a right tare; in so
+#: many directions, that proves the tare.
+_NEAR_N, _PROOFS = 1.0, 3
 #: A smaller distance is none, m.
 _LEAST_SHIFT_M = 0.01
 #: What is found must explain all but this share of the median difference.
@@ -214,6 +217,36 @@ class HiddenWeight:
         elif tared_s > self._hidden_s:
             self._hidden_s = math.inf
         return now_s - self._hidden_s > _SHOWN_S
+
+
+class TareCheck:
+    """Judges whether wrench_external was tared with the weight that is taken off; times in s."""
+
+    def __init__(self) -> None:
+        self._tared_s, self._is_right = -math.inf, False
+        #: What is left of the force, and the weight, N, (2, 3) each.
+        self._looks: deque[FloatArray] = deque(maxlen=_FORCES)
+
+    def off_n(self, tared_s: float, rest_n: FloatArray, weight_n: FloatArray) -> float:
+        """
+        Take forces without the weight, and weights, N, (3,) each; say by how much the tare is off.
+
+        A wrong tare is the same in all directions. So is what a force-controlled tool presses
+        with: a tare that was right in some directions before is not doubted.
+        """
+        if tared_s != self._tared_s:
+            self.__init__()  # type: ignore[misc]
+            self._tared_s = tared_s
+        now = np.stack((rest_n, weight_n))
+        if not self._looks or np.linalg.norm(now[1] - self._looks[-1][1]) >= MOVED_N:
+            self._looks.append(now)
+        rests, weights = np.array(self._looks).swapaxes(0, 1)
+        off = np.median(rests, axis=0)
+        near = np.linalg.norm(rests, axis=1) < _NEAR_N
+        self._is_right |= len(_distinct(weights[near])) >= _PROOFS
+        same = np.linalg.norm(rests - off, axis=1) < _NEAR_N
+        is_same = same.mean() >= _ON_SPHERE and len(_distinct(weights[same])) >= _DIRECTIONS
+        return float(np.linalg.norm(off)) if is_same and not self._is_right else 0.0
 
 
 def _draws(few: int, count: int) -> IntArray:

@@ -395,6 +395,28 @@ def test_a_tare_with_a_weight_that_did_not_fit_is_doubted_when_the_payload_is_me
 
 
 @pytest.mark.parametrize(
+    ('tared_with', 'pressed_n', 'doubted'),
+    [(PART, 0.0, False), (PART, 20.0, False), (None, 0.0, True), (TOOL, 0.0, True)],
+    ids=['the part', 'the part, which is pressed later', 'nothing', 'another tool'],
+)
+def test_a_tare_with_another_load_than_was_named_is_said(held, tared_with, pressed_n, doubted):
+    part = held(('day', MOUNTED), **BY_HAND)
+    named, on = PART.weight(UP), np.zeros(6) if tared_with is None else tared_with.weight(UP)
+    part.part.compensator.set_tare(on, START, named)
+    for k, turn in enumerate(Rotation.random(30, random_state=0)):
+        force = turn.apply(UP)
+        pressed = np.array([0.0, 0.0, -pressed_n, 0.0, 0.0, 0.0]) * (k >= 5)
+        part.feel(START + k * SECOND, tuple(force))
+        part.ask(START + k * SECOND, PART.weight(force) + pressed)
+        said = part.status().message
+    off_n = np.linalg.norm((on - named)[:3])
+    words = f'wrench_external rests at {off_n:.2g} N in all directions'
+    assert (words in said) == doubted, said
+    part.part.tared_s = 0.0
+    assert 'in all directions' not in part.status().message, 'a new tare was not believed'
+
+
+@pytest.mark.parametrize(
     ('felt_s', 'changed', 'reason'),
     [
         (-1.0, '', 'specific force was fresh for 0 of 21 wrenches. Both tares stay'),
