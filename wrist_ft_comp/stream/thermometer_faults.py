@@ -291,10 +291,8 @@ class ThermometerState:
 
     def suspicious(self, prediction: ThermometerPrediction, share: float) -> BoolArray:
         """Which stand still, and should have moved by a share of what replaces them, (J,)."""
-        stands_still = (self.still_s >= _SMOOTHING_S) & (self.silent_s == 0)
-        return np.asarray(
-            stands_still & (self.moved_k > share * prediction.still_k) & ~self.replaced
-        )
+        has_moved = self.moved_k > share * prediction.still_k
+        return np.asarray((self.still_s >= _SMOOTHING_S) & has_moved & ~self.replaced)
 
     @property
     def sentences(self) -> list[str]:
