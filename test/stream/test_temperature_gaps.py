@@ -163,6 +163,22 @@ def test_a_gap_without_a_model_is_doubted_beside_a_warm_start(make_model):
     assert said[1] > 2 * said[0]
 
 
+@pytest.mark.parametrize('second_gap_s', [0, 90])
+def test_all_gaps_without_a_model_are_doubted(make_model, second_gap_s):
+    """A robot that rested warms in the first, and cools after it."""
+    model, went_c = doubting(make_model, 400.0), [20.0, 20.0, 38.0, 32.0]
+    knows, late = Compensator(1, model=model), Compensator(1)
+    for second in range(2000):
+        celsius = float(np.interp(second, [0, 600, 1000, 2000], went_c))
+        knows.add_temperature(0, START + second * SECOND, celsius)
+        if not (600 <= second < 1400 or 1700 <= second < 1700 + second_gap_s):
+            late.add_temperature(0, START + second * SECOND, celsius)
+    late.go_live(model)
+    off_n = abs(knows.compensation.zero - late.compensation.zero)[2]
+    left = late.tracker.uncertainty.left(late.tracker.end_ns, late.tracker.memory_s)[2]
+    assert 0.3 < off_n <= left
+
+
 def test_a_slow_model_behind_a_quick_one_is_doubted_as_far_as_alone(make_model):
     both, alone = Compensator(1, model=doubting(make_model, 30.0)), Compensator(1)
     for second in range(900):

@@ -300,7 +300,7 @@ def test_one_that_freezes_or_dies_is_doubted_soon(learn, make_day, fault, timeou
     chosen = StreamSettings(temperature_timeout_s=timeout_s)
     compensator, said, off_cells = Compensator(3, chosen, model=model), [], 0
     knows = simulate_drift(model, make_day(7)).zero[:, FORCE_Z]
-    seen = stream(compensator, day, end=begin)
+    stream(compensator, day, end=begin)
     assert frozen_doubts(compensator.tracker) == []
     for k in range(begin, begin + 60):
         stream(compensator, day, k, k + 1)

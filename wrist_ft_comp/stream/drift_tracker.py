@@ -1,11 +1,13 @@
 """From temperatures to drift: here the model is stepped, once per thermal cell."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
-from wrist_ft_comp.series import FloatArray, NANOSECONDS
+from wrist_ft_comp.series import BoolArray, FloatArray, NANOSECONDS
 from wrist_ft_comp.stream import drift_bounds, temperature_gaps, thermometer_faults
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
 from wrist_ft_comp.stream.drift_bounds import SPAN_S, Uncertainty
@@ -61,14 +63,14 @@ class DriftTracker:
         """Let the sensor have soaked at the temperatures of the next cell."""
         #: The newest cells, as they were believed, °C, (n, J), for a model that goes live later.
         self.history_c: FloatArray = np.zeros((0, self._count))
+        #: Which of these nobody measured, because of a gap.
+        self._missing: BoolArray = np.zeros(0, dtype=bool)
         #: The cell that comes next; None before the first.
         self._next: int | None = None
         #: The cells that the model starts from, °C, (n, J).
         self._start_c: FloatArray = self.history_c
         #: How far the drift may be off, because temperatures were missing, or warm at the start.
         self.uncertainty: Uncertainty | None = None
-        #: The last gap, s, how fast temperatures moved in it, K per cell, and the cells after it.
-        self._gap_s, self._slope_k, self._cells_after = 0.0, np.zeros(self._count), 0
 
     @property
     def replaced(self) -> list[int]:
@@ -177,15 +179,14 @@ class DriftTracker:
         line_c = believed_c[np.newaxis]
         if gap and self.temperature_c is not None:
             line_c = temperature_gaps.line_over_gap(self.temperature_c, believed_c, gap)
-            if is_long:
-                self._gap_s, self._slope_k = gap_s, line_c[1] - line_c[0]
-                self._cells_after = 0
+        missing = is_long & (np.arange(len(line_c)) < len(line_c) - 1)
         most = max(round(temperature_gaps.MOST_GAP_S / period_s), 1)
         self.history_c = np.concatenate((self.history_c, line_c))[-most:]
+        self._missing = np.concatenate((self._missing, missing))[-most:]
         if self.model is not None:
             self._run(self.model, line_c)
         self.temperature_c, self.reading_c = believed_c, cell.temperature_c
-        self._next, self._cells_after = cell.number + 1, self._cells_after + 1
+        self._next = cell.number + 1
         self.end_ns = self._next * self.grid.period_ns
 
         if self.model is None:
@@ -197,14 +198,13 @@ class DriftTracker:
             is_doubtful = bool((believed_c > drift_bounds.warmest_room_c(self.model)).any())
         if is_doubtful and state_before is not None and len(history_c):
             bounds = drift_bounds.bound_drift(
-                self.model, state_before, history_c, believed_c, gap_s, self.memory_s
+                self.model, state_before, history_c, believed_c[np.newaxis], gap_s, self.memory_s
             )
             off = off + np.abs(bounds - self.drift.zero).max(axis=0)
         off = off + self._off_at_start(self.model, len(self.history_c) - len(line_c))
-        if self._gap_s and self._cells_after == (span := self._span(self.model)):
-            # Where they move otherwise than in the gap on the mean, they may have done so in it.
-            after_c, gap_s = self.history_c[-span:], min(self._gap_s, self.memory_s)
-            off = off + drift_bounds.doubt_start(self.model, after_c, gap_s, self._slope_k)
+        for begin, end in self._gaps()[-1:]:
+            if len(self.history_c) - end == self._span(self.model):
+                off = off + self._doubt_mean(self.model, begin, end)
         if off.any():
             if self.uncertainty is not None:
                 off = off + self.uncertainty.left(self.end_ns, self.memory_s)
@@ -218,20 +218,37 @@ class DriftTracker:
         known_k = None if self.uncertainty is None else np.zeros(self._count)
         return drift_bounds.doubt_start(model, self.history_c[:span], self.memory_s, known_k)
 
-    def _off_in_gap(self, model: DriftModel) -> FloatArray:
-        """Bound what the last gap, in which no model was live, left wrong of the drift, (6,)."""
-        gap = round(self._gap_s * NANOSECONDS / model.period_ns)
-        at = len(self.history_c) - self._cells_after
-        if not 0 < gap < at:
-            return np.zeros(len(AXES))
-        before_c, line_c = self.history_c[: at - gap], self.history_c[at - gap : at + 1]
-        state = drift_model.at_rest(model, before_c[: model.start_cells])
-        state = drift_model.skip(model, state, before_c)
-        bounds = drift_bounds.bound_drift(
-            model, state, before_c, line_c[-1], self._gap_s, self.memory_s
-        )
-        zero = drift_model.run(model, state, line_c)[1].zero[-1]
-        return np.asarray(np.abs(bounds - zero).max(axis=0))
+    def _gaps(self) -> list[tuple[int, int]]:
+        """Give where gaps of the history begin and end."""
+        edges = np.flatnonzero(np.diff(self._missing, prepend=False, append=False)).tolist()
+        return list(pairwise(edges))[::2]
+
+    def _doubt_mean(self, model: DriftModel, begin: int, end: int) -> FloatArray:
+        """Bound the drift where temperatures move otherwise after a gap than in it, (6,)."""
+        gap_s = (end - begin) * model.period_ns / NANOSECONDS
+        after_c = self.history_c[end : end + self._span(model)]
+        slope_k = self.history_c[end] - self.history_c[end - 1]
+        return drift_bounds.doubt_start(model, after_c, min(gap_s, self.memory_s), slope_k)
+
+    def _off_in_gaps(self, model: DriftModel) -> FloatArray:
+        """Bound what gaps, in which no model was live, left wrong of the drift by now, (6,)."""
+        off: FloatArray = np.zeros(len(AXES))
+        for begin, end in self._gaps():
+            if not begin:
+                continue
+            before_c, line_c = self.history_c[:begin], self.history_c[begin : end + 1]
+            state = drift_model.at_rest(model, before_c[: model.start_cells])
+            state = drift_model.skip(model, state, before_c)
+            gap_s = (end - begin) * model.period_ns / NANOSECONDS
+            bounds = drift_bounds.bound_drift(
+                model, state, before_c, self.history_c[end:], gap_s, self.memory_s
+            )
+            zero = drift_model.run(model, state, line_c)[1].zero[-1]
+            ended_ns = self.end_ns - (len(self.history_c) - end) * model.period_ns
+            bound = np.abs(bounds - zero).max(axis=0) + self._doubt_mean(model, begin, end)
+            left = Uncertainty(ended_ns, bound).left(self.end_ns, self.memory_s)
+            off = off + left
+        return off
 
     @staticmethod
     def _span(model: DriftModel) -> int:
@@ -265,14 +282,14 @@ class DriftTracker:
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows none."""
         if model is not None and model.period_ns != self.grid.period_ns:
-            before_ns, uncertainty, gap_s = self.grid.period_ns, self.uncertainty, self._gap_s
-            cells_after = max(self._cells_after * before_ns // model.period_ns, 1)
+            before_ns, uncertainty = self.grid.period_ns, self.uncertainty
             at = np.arange(len(self.history_c) * before_ns // model.period_ns)
-            history_c = self.history_c[at * model.period_ns // before_ns]
+            at = at * model.period_ns // before_ns
+            history_c, missing = self.history_c[at], self._missing[at]
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
             self._forget()
-            self.history_c, self.uncertainty = history_c, uncertainty
-            self._gap_s, self._cells_after = gap_s, cells_after
+            self.history_c, self._missing = history_c, missing
+            self.uncertainty = uncertainty
         was_live = self.model is not None
         self.model, self.state, self.awaited, self._exchanged = model, None, None, {}
         self.memory_s = temperature_gaps.longest_gap_s(model)
@@ -290,13 +307,11 @@ class DriftTracker:
             if off.any() and known is not None:  # as a quicker model saw it
                 both = (one.left(self.end_ns, self.memory_s) for one in (known, begun))
                 self.uncertainty = Uncertainty(self.end_ns, np.maximum(*both))
-            # A model that was live in the gap, or after it, has bounded it.
-            if not was_live and (off := self._off_in_gap(model)).any():
-                since_ns = self.end_ns - self._cells_after * model.period_ns
+            # A model that was live in a gap, or after it, has bounded it.
+            if not was_live and (off := self._off_in_gaps(model)).any():
                 if self.uncertainty is not None:
-                    since_ns = max(since_ns, self.uncertainty.since_ns)
-                    off = off + self.uncertainty.left(since_ns, self.memory_s)
-                self.uncertainty = Uncertainty(since_ns, off)
+                    off = off + self.uncertainty.left(self.end_ns, self.memory_s)
+                self.uncertainty = Uncertainty(self.end_ns, off)
         before, prediction = self.thermometers, None if model is None else model.prediction
         if prediction is None:
             self.thermometers = None
@@ -330,6 +345,7 @@ class DriftTracker:
         self.clocks.expect(memory.end_ns)
         blocks = [np.tile(temperature_c, (cells, 1)) for temperature_c, cells in memory.history]
         self.history_c = np.concatenate((self.history_c, *blocks))
+        self._missing = np.zeros(len(self.history_c), dtype=bool)
         self._next = memory.end_ns // memory.period_ns
         self.grid.go_on(self._next, memory.temperature_c.tolist(), memory.silent)
         jumps = memory.jumps or (Jump(),) * self._count
