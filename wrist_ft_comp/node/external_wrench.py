@@ -15,10 +15,17 @@ from wrist_ft_comp.node.raw_wrench import Counts, is_silent
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.payload.live_weight import LivePayload, MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, MOST_KG
-from wrist_ft_comp.payload.weight_check import HiddenWeight, TareCheck, WeightCheck
+from wrist_ft_comp.payload.weight_check import (
+    HiddenWeight,
+    LAG_STEP_S,
+    LagCheck,
+    TareCheck,
+    WeightCheck,
+)
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
 
@@ -61,11 +68,10 @@ class ExternalWrench(Part):
     _hidden: HiddenWeight = field(default_factory=HiddenWeight)
     #: Whether it was another payload.
     _tare_check: TareCheck = field(default_factory=TareCheck)
+    _lag_check: LagCheck = field(default_factory=LagCheck)
     #: The payload before the present one.
     _last: LivePayload | None = None
     _growth: Growth = field(default_factory=Growth)
-    #: By how much specific force was behind the wrenches since the last report, ns, together.
-    _behind_ns: int = 0
 
     title, logged = 'payload', True
     parameters = (
@@ -110,7 +116,6 @@ class ExternalWrench(Part):
         if force is None:
             self.missed += 1
             return
-        self._behind_ns += stamp_ns - forces.newest_ns
         external = self.compensator.correct(stamp_ns, raw, external=True)
         if self.payload is not None and not is_silent(self.hub, self.compensator):
             self.publish(layout.encode(data, self.payload.taken_off(external, force)))
@@ -185,23 +190,9 @@ class ExternalWrench(Part):
         if payload is not None and newest is not None and force is not None:
             wrench = np.array(self.compensator.correct(*newest[:2], external=True))
             weight = np.array(payload.weight(force))
-            external = wrench - weight
-            self.check.add(wrench, weight)
-            for axis, value in zip(AXES, external, strict=True):
+            for axis, value in zip(AXES, wrench - weight, strict=True):
                 numbers[f'{axis}_external'] = f'{value:.4g} {axis_unit(axis)}'
-            off_n = self._tare_check.off_n(self.tared_s, external[:3], weight[:3])
-            if off_n and self.compensator.tared and not self.check.found:
-                doubts.append(
-                    f'wrench_external rests at {off_n:.2g} N in all directions: at the tare, '
-                    'another payload was mounted than was named, or the zero is another one since '
-                    'then; free the tool, name what is mounted, and call ~/tare'
-                )
-            rest_n, weight_n = (math.hypot(*w[:3]) for w in (external, weight))
-            if self._hidden.look(time.monotonic(), self.tared_s, rest_n, weight_n):
-                self.compensator.doubt_zero(
-                    f'the weight of {payload.name} does not show, and the tare was taken while '
-                    'payload.active was empty: if it was mounted then, call ~/tare'
-                )
+            doubts += self._compare(payload, newest[0], wrench, weight)
         well = 'no payload is active'
         if self.collector is not None:
             well = f'identifying a payload: {self.collector.share:.0%} of a minute'
@@ -217,17 +208,38 @@ class ExternalWrench(Part):
             )
         yield doubtful(self.title, doubts + wrong, well, numbers)
 
+    def _compare(
+        self, payload: LivePayload, stamp_ns: int, wrench: FloatArray, weight: FloatArray
+    ) -> Iterator[str]:
+        """Say how a wrench shows that the weight is late, or that the tare was not of it."""
+        self.check.add(wrench, weight)
+        rest_n, weight_n = (wrench - weight)[:3], weight[:3]
+        before = self.specific_force.forces.at(stamp_ns - round(LAG_STEP_S * NANOSECONDS))
+        if before is not None:
+            change_n = weight_n - payload.weight(before)[:3]
+            yield from filter(None, [self._lag_check.look(rest_n, weight_n, change_n)])
+        off_n = self._tare_check.off_n(self.tared_s, rest_n, weight_n)
+        if off_n and self.compensator.tared and not self.check.found:
+            yield (
+                f'wrench_external rests at {off_n:.2g} N in all directions: at the tare, another '
+                'payload was mounted than was named, or the zero is another one since then; free '
+                'the tool, name what is mounted, and call ~/tare'
+            )
+        if self._hidden.look(time.monotonic(), self.tared_s, rest_n, weight_n):
+            self.compensator.doubt_zero(
+                f'the weight of {payload.name} does not show, and the tare was taken while '
+                'payload.active was empty: if it was mounted then, call ~/tare'
+            )
+
     def _doubts(self, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""
         yield from filter(None, [self.specific_force.doubt()])
         if not self.wanted:
             return
-        weighed = max(grown['came'] - grown['missed'], 1)
-        behind_ns, self._behind_ns = self._behind_ns // weighed, 0
         wrench_ns = None if self.counts.newest is None else self.counts.newest[0]
         missed_share = grown['missed'] / max(grown['came'], 1)
         yield from self.specific_force.timing_doubts(
-            wrench_ns, behind_ns, missed_share, is_new=grown['forces'] > 0
+            wrench_ns, missed_share, is_new=grown['forces'] > 0
         )
 
     def _weight_doubts(self, payload: LivePayload | None) -> Iterator[str]:

@@ -39,9 +39,6 @@ _REPORTS = 10
 _NORM_DEVIATION = 0.03
 #: More of the wrenches than this share without fresh specific force are a warning.
 _MISSED_SHARE = 0.1
-#: The weight is in doubt where it changes by more than this share in the time by which specific
-#: force is behind the wrench.
-_BEHIND_SHARE = 0.05
 
 
 class SpecificForceInput(Part):
@@ -212,13 +209,13 @@ class SpecificForceInput(Part):
         return self._tree.missing() if is_waiting else ''
 
     def timing_doubts(
-        self, wrench_ns: int | None, behind_ns: int, missed_share: float, *, is_new: bool
+        self, wrench_ns: int | None, missed_share: float, *, is_new: bool
     ) -> Iterator[str]:
         """
-        Say that specific force is missing, of another clock, or late; once a report.
+        Say that specific force is missing, or of another clock; once a report.
 
-        Takes the stamp of the newest wrench, ns, how far specific force is behind, ns, the share
-        of wrenches that had none, and whether one came since the last report.
+        Takes the stamp of the newest wrench, ns, the share of wrenches that had none, and whether
+        one came since the last report.
         """
         newest, rests = self.forces.newest, 'wrench_external rests'
         if newest is None:
@@ -234,13 +231,6 @@ class SpecificForceInput(Part):
                 yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
             else:
                 yield f'specific force is older than gravity.timeout, or stays away; {rests}'
-        before = self.forces.at(newest[0] - behind_ns) if behind_ns > 0 else None
-        if before is not None and math.dist(newest[1], before) > _BEHIND_SHARE * GRAVITY:
-            yield (
-                f'specific force is {behind_ns / NANOSECONDS:.3f} s behind the wrench, and '
-                f'{math.dist(newest[1], before) / GRAVITY:.0%} of the weight that is taken off is '
-                'wrong in motion; mend its clock, or let it come faster'
-            )
 
     def value_doubts(self, frame: ForceFrame) -> Iterator[str]:
         """Say that it is frozen, or is not as large as gravity in the frame of a payload."""

@@ -44,6 +44,13 @@ _MOUNTED_SHARE = 0.2
 #: What is left of a free force without the weight is less than this, N, after a right tare; in so
 #: many directions, that proves the tare.
 _NEAR_N, _PROOFS = 1.0, 3
+#: Motion is what the weight changes by in this time, s, if it is more than this, N.
+LAG_STEP_S, _LEAST_MOTION_N = 0.1, 0.3
+#: Of so many looks in motion, this share shows the same sign of a lag; it is said where it makes
+#: this share of the weight wrong.
+_MOTIONS, _SAME_SIGN, _WRONG_SHARE = 16, 0.9, 0.05
+#: A lag leaves less than this share of the force, in the median: friction leaves more.
+_LAG_REST = 0.6
 #: A smaller distance is none, m.
 _LEAST_SHIFT_M = 0.01
 #: What is found must explain all but this share of the median difference.
@@ -210,9 +217,9 @@ class HiddenWeight:
         if self._shown_s <= tared_s:
             self._hidden_s = now_s
 
-    def look(self, now_s: float, tared_s: float, rest_n: float, weight_n: float) -> bool:
-        """Take the force with the weight taken off, and the weight; True where it is hidden."""
-        if 2 * rest_n < weight_n:
+    def look(self, now_s: float, tared_s: float, rest_n: FloatArray, weight_n: FloatArray) -> bool:
+        """Take the force without the weight, and the weight, (3,); True where it is hidden."""
+        if 2 * np.linalg.norm(rest_n) < np.linalg.norm(weight_n):
             self._hidden_s, self._shown_s = math.inf, now_s
         elif tared_s > self._hidden_s:
             self._hidden_s = math.inf
@@ -247,6 +254,44 @@ class TareCheck:
         same = np.linalg.norm(rests - off, axis=1) < _NEAR_N
         is_same = same.mean() >= _ON_SPHERE and len(_distinct(weights[same])) >= _DIRECTIONS
         return float(np.linalg.norm(off)) if is_same and not self._is_right else 0.0
+
+
+class LagCheck:
+    """Finds how far, in time, the force is behind the weight that is taken off, from motion."""
+
+    def __init__(self) -> None:
+        #: What is left of the force, and the speed of the weight, N and N/s, (2, 3) each.
+        self._motions: deque[FloatArray] = deque(maxlen=_KEPT)
+
+    def look(self, rest_n: FloatArray, weight_n: FloatArray, change_n: FloatArray) -> str:
+        """
+        Say how far it is behind or ahead, and what it may be; '' where nothing shows that.
+
+        Takes a force without the weight, the weight, and how it changed in LAG_STEP_S, N, (3,)
+        each. A force that is late by t leaves -t dW/dt.
+        """
+        if np.linalg.norm(change_n) >= _LEAST_MOTION_N:
+            self._motions.append(np.stack((rest_n, change_n / LAG_STEP_S)))
+        if len(self._motions) < _MOTIONS:
+            return ''
+        rests, speeds = np.array(self._motions).swapaxes(0, 1)
+        ahead_s = np.sum(rests * speeds, axis=1) / np.sum(speeds**2, axis=1)
+        lag_s = -float(np.median(ahead_s))
+        wrong_n = abs(lag_s) * np.median(np.linalg.norm(speeds, axis=1))
+        unexplained = np.linalg.norm(rests + lag_s * speeds, axis=1)
+        if (
+            np.mean(ahead_s * lag_s < 0) < _SAME_SIGN
+            or wrong_n < _WRONG_SHARE * np.linalg.norm(weight_n)
+            or np.median(unexplained) > _LAG_REST * np.median(np.linalg.norm(rests, axis=1))
+        ):
+            return ''
+        side, why = 'before', 'specific force comes late or seldom, or its stamps are ahead'
+        if lag_s > 0:
+            side, why = 'behind', 'the driver filters the wrench, or stamps it late'
+        return (
+            f'in motion the force is {abs(lag_s):.2g} s {side} the weight that is taken off, so '
+            f'that {wrong_n:.2g} N of wrench_external are wrong: {why}; mend that'
+        )
 
 
 def _draws(few: int, count: int) -> IntArray:

@@ -178,15 +178,37 @@ STATUSES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(('late_s', 'level'), [(0.04, OK), (0.15, WARN)])
-def test_specific_force_that_is_late_in_motion_is_a_warning(held, late_s, level):
-    part = held(**{'payload.active': 'day-1'})
-    for at_s in np.arange(0, 1, 0.01):
-        part.feel(START + round(at_s * 1e9), Rotation.from_euler('x', at_s).apply(UP))
-        part.ask(START + round((at_s + late_s) * 1e9), CONSTANT)
-    found = part.status()
-    words = f'{late_s:.3f} s behind the wrench, and {late_s:.0%} of the weight'
-    assert (found.level, words in found.message) == (level, level == WARN), found.message
+def angles(second):
+    return 2.0 * np.sin(second), 0.9 * np.sin(0.7 * second), 1.2 * np.sin(0.6 * second)
+
+
+@pytest.mark.parametrize(
+    ('late_s', 'pressed_n', 'rubs', 'words'),
+    [
+        (0.02, 0.0, 0.0, ''), (-0.02, 0.0, 0.0, ''), (0.0, 30.0, 0.3, ''),
+        (0.1, 0.0, 0.0, 's before the weight that is taken off'),
+        (-0.1, 0.0, 0.0, 's behind the weight that is taken off'),
+    ],
+    ids=['in time', 'in time, too', 'a tool that polishes', 'IMU late', 'wrench late'],
+)  # fmt: skip
+def test_a_force_that_is_late_in_motion_is_said(held, late_s, pressed_n, rubs, words):
+    part, rng = held(**{'payload.active': 'day-1'}), np.random.default_rng(0)
+    part.part.compensator.set_tare(CONSTANT, START, np.zeros(6))
+    for second in np.arange(0.0, 60.0, 1.01):
+        for back_s in (0.2, 0.1, 0.0):
+            at_s = second - back_s
+            felt = Rotation.from_euler('zyx', angles(at_s - late_s)).inv().apply(UP)
+            part.feel(START + round(at_s * 1e9), tuple(felt))
+        force, soon = (
+            Rotation.from_euler('zyx', angles(second + step_s)).inv().apply(UP)
+            for step_s in (0.0, 0.1)
+        )
+        pressed = np.array([0.0, 0.0, -pressed_n]) - rubs * pressed_n * (soon - force)
+        load = np.append(pressed + rng.normal(0, 0.1, 3), np.zeros(3))
+        part.ask(START + round(second * 1e9), TOOL.weight(force) + CONSTANT + load)
+        said = part.status().message
+    assert words in said
+    assert ('in motion the force is' in said) == bool(words), said
 
 
 @pytest.mark.parametrize(('felt', 'asked_s', 'level', 'words'), STATUSES)
