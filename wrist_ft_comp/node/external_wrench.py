@@ -14,14 +14,9 @@ from wrist_ft_comp.node.payload_choice import changed_frames, PayloadChoice
 from wrist_ft_comp.node.raw_wrench import Counts, is_silent
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.payload.live_weight import LivePayload, MotionCollector
+from wrist_ft_comp.payload.tare_check import HiddenWeight, TareCheck
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, MOST_KG
-from wrist_ft_comp.payload.weight_check import (
-    HiddenWeight,
-    LAG_STEP_S,
-    LagCheck,
-    TareCheck,
-    WeightCheck,
-)
+from wrist_ft_comp.payload.weight_check import LAG_STEP_S, LagCheck, WeightCheck
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
@@ -66,7 +61,7 @@ class ExternalWrench(Part):
     tared_s: float = -math.inf
     #: Whether a payload was on at a tare without its name.
     _hidden: HiddenWeight = field(default_factory=HiddenWeight)
-    #: Whether it was another payload.
+    #: Whether the last tare was of another one.
     _tare_check: TareCheck = field(default_factory=TareCheck)
     _lag_check: LagCheck = field(default_factory=LagCheck)
     #: The payload before the present one.
@@ -96,6 +91,10 @@ class ExternalWrench(Part):
         output = self.hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
         self.output, self.publish = output, output.publish
         self._hold(self.choice.choose(self.hub.chosen()))
+
+    def note_tare(self) -> None:
+        """Take that wrench_external was tared just now."""
+        self.tared_s, self._tare_check = time.monotonic(), TareCheck()
 
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
@@ -218,7 +217,7 @@ class ExternalWrench(Part):
         if before is not None:
             change_n = weight_n - payload.weight(before)[:3]
             yield from filter(None, [self._lag_check.look(rest_n, weight_n, change_n)])
-        off_n = self._tare_check.off_n(self.tared_s, rest_n, weight_n)
+        off_n = self._tare_check.off_n(rest_n, weight_n)
         if off_n and self.compensator.tared and not self.check.found:
             yield (
                 f'wrench_external rests at {off_n:.2g} N in all directions: at the tare, another '

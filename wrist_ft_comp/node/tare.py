@@ -127,7 +127,7 @@ class TareService(Part):
         # The tare is of the drift at one stamp, and a minute of a warm-up drifts.
         mean = mean + stream.tared_with(stamp_ns).zero - np.mean(self._drifts, axis=0)
         tare = stream.set_tare(mean, stamp_ns, weight)
-        self.external.tared_s = time.monotonic()
+        self.external.note_tare()
         problems: list[str] = []
         self.state_keeper.save(problems.append)
         asked_s = time.monotonic()

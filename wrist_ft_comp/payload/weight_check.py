@@ -13,7 +13,6 @@ sphere of that radius. Specific force then is that of another orientation.
 
 from collections import deque
 from collections.abc import Iterable
-import math
 
 import numpy as np
 
@@ -36,14 +35,9 @@ _AS_WEIGHT = 0.25
 _LEAST_TURN_DEG = 8.0
 #: Forces that are kept, and how many differ; five times in a row, this share of those lies on the
 #: sphere of a weight, within this share of its radius.
-_FORCES, _DIRECTIONS, _IN_A_ROW, _ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
-#: When a payload becomes active after a tare without one, its weight has to show within this, s.
-_SHOWN_S = 10.0
+FORCES, DIRECTIONS, _IN_A_ROW, ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
 #: A force that moves by less than this share of the weight is that of an empty sensor.
 _MOUNTED_SHARE = 0.2
-#: What is left of a free force without the weight is less than this, N, after a right tare; in so
-#: many directions, that proves the tare.
-_NEAR_N, _PROOFS = 1.0, 3
 #: Motion is what the weight changes by in this time, s, if it is more than this, N.
 LAG_STEP_S, _LEAST_MOTION_N = 0.1, 0.3
 #: Of so many looks in motion, this share shows the same sign of a lag; it is said where it makes
@@ -69,7 +63,7 @@ class WeightCheck:
         #: The weights before and after these changes, N.
         self._poses: deque[FloatArray] = deque(maxlen=_KEPT)
         #: Forces and weights between which the force changed, N, (2, 3) each.
-        self._moves: deque[FloatArray] = deque(maxlen=_FORCES)
+        self._moves: deque[FloatArray] = deque(maxlen=FORCES)
         #: How much oftener the torque showed another centre of mass than not: a contact may.
         self._shifted = 0
         #: How often in a row these showed a weight that turns otherwise than specific force says.
@@ -105,7 +99,7 @@ class WeightCheck:
 
     def _turns_alone(self) -> bool:
         """Whether the force moves on the sphere of the weight, but not as the weight."""
-        if len(self._moves) < _DIRECTIONS:
+        if len(self._moves) < DIRECTIONS:
             return False
         forces, weights = np.array(self._moves).swapaxes(0, 1)
         moved = np.diff(forces, axis=0)
@@ -113,8 +107,8 @@ class WeightCheck:
         is_apart = rests > np.radians(_LEAST_TURN_DEG) * np.linalg.norm(moved, axis=1)
         if is_apart.mean() < 1 - _AS_WEIGHT:
             return False
-        forces, radius_n = _distinct(forces), np.median(np.linalg.norm(weights, axis=1))
-        if len(forces) < _DIRECTIONS:
+        forces, radius_n = distinct(forces), np.median(np.linalg.norm(weights, axis=1))
+        if len(forces) < DIRECTIONS:
             return False
         fours = forces[_draws(4, len(forces))]
         # Of four points, those less the first: 2 (p - q) · center = p² - q².
@@ -122,11 +116,11 @@ class WeightCheck:
         centers = np.linalg.pinv(rows) @ (squares[:, 1:] - squares[:, :1])[..., np.newaxis]
         distances = np.linalg.norm(forces - centers.swapaxes(1, 2), axis=2)
         on_sphere = np.abs(distances / radius_n - 1) < _THICK
-        return bool(on_sphere.mean(axis=1).max() >= _ON_SPHERE)
+        return bool(on_sphere.mean(axis=1).max() >= ON_SPHERE)
 
     def _compare(self) -> str | None:
         """Say what the changes that are kept show; None where they do not tell."""
-        if len(_distinct(self._poses)) < _FEWEST_POSES:
+        if len(distinct(self._poses)) < _FEWEST_POSES:
             return None
         changes = np.array(self._changes)
         force, weight = changes[:, 0, :3], changes[:, 1, :3]
@@ -204,58 +198,6 @@ class WeightCheck:
         return '' if is_right else None
 
 
-class HiddenWeight:
-    """Judges whether a payload that becomes active was on at a tare that had none; times in s."""
-
-    def __init__(self) -> None:
-        #: Since when the weight of a payload has not shown, and when one did last, which proves
-        #: the tare.
-        self._hidden_s, self._shown_s = math.inf, -math.inf
-
-    def expect(self, now_s: float, tared_s: float) -> None:
-        """Take that a payload is active from now on, and was not at the tare."""
-        if self._shown_s <= tared_s:
-            self._hidden_s = now_s
-
-    def look(self, now_s: float, tared_s: float, rest_n: FloatArray, weight_n: FloatArray) -> bool:
-        """Take the force without the weight, and the weight, (3,); True where it is hidden."""
-        if 2 * np.linalg.norm(rest_n) < np.linalg.norm(weight_n):
-            self._hidden_s, self._shown_s = math.inf, now_s
-        elif tared_s > self._hidden_s:
-            self._hidden_s = math.inf
-        return now_s - self._hidden_s > _SHOWN_S
-
-
-class TareCheck:
-    """Judges whether wrench_external was tared with the weight that is taken off; times in s."""
-
-    def __init__(self) -> None:
-        self._tared_s, self._is_right = -math.inf, False
-        #: What is left of the force, and the weight, N, (2, 3) each.
-        self._looks: deque[FloatArray] = deque(maxlen=_FORCES)
-
-    def off_n(self, tared_s: float, rest_n: FloatArray, weight_n: FloatArray) -> float:
-        """
-        Take forces without the weight, and weights, N, (3,) each; say by how much the tare is off.
-
-        A wrong tare is the same in all directions. So is what a force-controlled tool presses
-        with: a tare that was right in some directions before is not doubted.
-        """
-        if tared_s != self._tared_s:
-            self.__init__()  # type: ignore[misc]
-            self._tared_s = tared_s
-        now = np.stack((rest_n, weight_n))
-        if not self._looks or np.linalg.norm(now[1] - self._looks[-1][1]) >= MOVED_N:
-            self._looks.append(now)
-        rests, weights = np.array(self._looks).swapaxes(0, 1)
-        off = np.median(rests, axis=0)
-        near = np.linalg.norm(rests, axis=1) < _NEAR_N
-        self._is_right |= len(_distinct(weights[near])) >= _PROOFS
-        same = np.linalg.norm(rests - off, axis=1) < _NEAR_N
-        is_same = same.mean() >= _ON_SPHERE and len(_distinct(weights[same])) >= _DIRECTIONS
-        return float(np.linalg.norm(off)) if is_same and not self._is_right else 0.0
-
-
 class LagCheck:
     """Finds how far, in time, the force is behind the weight that is taken off, from motion."""
 
@@ -299,7 +241,7 @@ def _draws(few: int, count: int) -> IntArray:
     return np.random.default_rng(0).random((_TRIPLES, count)).argsort(axis=1)[:, :few]
 
 
-def _distinct(forces: Iterable[FloatArray]) -> FloatArray:
+def distinct(forces: Iterable[FloatArray]) -> FloatArray:
     """Pick forces that differ by MOVED_N from all before, (n, 3)."""
     kept: list[FloatArray] = []
     for force in forces:

@@ -387,7 +387,7 @@ def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
 
 @pytest.mark.parametrize(('on', 'name'), [(True, ''), (False, ''), (True, 'day-1')])
 def test_a_tool_that_was_on_at_a_tare_without_its_name_is_a_warning(held, monkeypatch, on, name):
-    monkeypatch.setattr('wrist_ft_comp.payload.weight_check._SHOWN_S', -1.0)
+    monkeypatch.setattr('wrist_ft_comp.payload.tare_check._SHOWN_S', -1.0)
     part, weight = held(**{'payload.active': name}), TOOL.weight(UP)
     compensator = part.part.compensator
     compensator.set_tare(on * weight + CONSTANT, START, weight if name else None)
@@ -434,7 +434,7 @@ def test_a_tare_with_another_load_than_was_named_is_said(held, tared_with, press
     off_n = np.linalg.norm((on - named)[:3])
     words = f'wrench_external rests at {off_n:.2g} N in all directions'
     assert (words in said) == doubted, said
-    part.part.tared_s = 0.0
+    part.part.note_tare()
     assert 'in all directions' not in part.status().message, 'a new tare was not believed'
 
 

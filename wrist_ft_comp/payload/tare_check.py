@@ -1,0 +1,64 @@
+"""Whether wrench_external was tared with the payload that is taken off, or another one was on."""
+
+from collections import deque
+import math
+
+import numpy as np
+
+from wrist_ft_comp.payload.weight_check import DIRECTIONS, distinct, FORCES, MOVED_N, ON_SPHERE
+from wrist_ft_comp.series import FloatArray
+
+#: When a payload becomes active after a tare without one, its weight has to show within this, s.
+_SHOWN_S = 10.0
+#: What is left of a free force without the weight is less than this, N, after a right tare; in so
+#: many directions, that proves the tare.
+_NEAR_N, _PROOFS = 1.0, 3
+
+
+class HiddenWeight:
+    """Judges whether a payload that becomes active was on at a tare that had none; times in s."""
+
+    def __init__(self) -> None:
+        #: Since when the weight of a payload has not shown, and when one did last, which proves
+        #: the tare.
+        self._hidden_s, self._shown_s = math.inf, -math.inf
+
+    def expect(self, now_s: float, tared_s: float) -> None:
+        """Take that a payload is active from now on, and was not at the tare."""
+        if self._shown_s <= tared_s:
+            self._hidden_s = now_s
+
+    def look(self, now_s: float, tared_s: float, rest_n: FloatArray, weight_n: FloatArray) -> bool:
+        """Take the force without the weight, and the weight, (3,); True where it is hidden."""
+        if 2 * np.linalg.norm(rest_n) < np.linalg.norm(weight_n):
+            self._hidden_s, self._shown_s = math.inf, now_s
+        elif tared_s > self._hidden_s:
+            self._hidden_s = math.inf
+        return now_s - self._hidden_s > _SHOWN_S
+
+
+class TareCheck:
+    """Judges whether the last tare of wrench_external was of the weight that is taken off."""
+
+    def __init__(self) -> None:
+        self._is_right = False
+        #: What is left of the force, and the weight, N, (2, 3) each.
+        self._looks: deque[FloatArray] = deque(maxlen=FORCES)
+
+    def off_n(self, rest_n: FloatArray, weight_n: FloatArray) -> float:
+        """
+        Take forces without the weight, and weights, N, (3,) each; say by how much the tare is off.
+
+        A wrong tare is the same in all directions. So is what a force-controlled tool presses
+        with: a tare that was right in some directions before is not doubted.
+        """
+        now = np.stack((rest_n, weight_n))
+        if not self._looks or np.linalg.norm(now[1] - self._looks[-1][1]) >= MOVED_N:
+            self._looks.append(now)
+        rests, weights = np.array(self._looks).swapaxes(0, 1)
+        off = np.median(rests, axis=0)
+        near = np.linalg.norm(rests, axis=1) < _NEAR_N
+        self._is_right |= len(distinct(weights[near])) >= _PROOFS
+        same = np.linalg.norm(rests - off, axis=1) < _NEAR_N
+        is_same = same.mean() >= ON_SPHERE and len(distinct(weights[same])) >= DIRECTIONS
+        return float(np.linalg.norm(off)) if is_same and not self._is_right else 0.0
