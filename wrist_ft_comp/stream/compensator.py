@@ -15,6 +15,7 @@ from wrist_ft_comp.stream import drift_doubts
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_limits import axis_limits, Limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
+from wrist_ft_comp.stream.tare import early_tare_doubts, tare_doubts, usual_silences_ns
 from wrist_ft_comp.stream.temperature_gaps import ThermalMemory
 from wrist_ft_comp.stream.thermal_cells import ThermalCell
 from wrist_ft_comp.stream.thermometer_faults import exchanged_by_jumps
@@ -102,7 +103,7 @@ class Compensator:
         """Sentences on what has happened since the last tare that may have moved the zero."""
         said = self._said + drift_doubts.jump_doubts(self.tracker)
         if self.compensating and self.tared and self._waits_since_ns is not None:
-            said += drift_doubts.early_tare_doubts(-math.inf, 0, 'next temperatures')
+            said += early_tare_doubts(-math.inf, 0, 'next temperatures')
         return said
 
     def add_temperature(
@@ -135,7 +136,7 @@ class Compensator:
         else:
             self._waits_since_ns = None
         if since_ns is not None:
-            self._said += drift_doubts.early_tare_doubts(since_ns, stamp_ns, 'temperatures came')
+            self._said += early_tare_doubts(since_ns, stamp_ns, 'temperatures came')
             unloaded = stamp_ns, [np.nan] * len(AXES)  # where no wrench has come
             self._settle(target, keep_output_of or unloaded)
         elif not had_drift:
@@ -206,7 +207,7 @@ class Compensator:
         self.tracker.use(model)
         if self._waits_since_ns is not None and self.compensating:
             since_ns, begun_ns = self._waits_since_ns, self.tracker.end_ns
-            self._said += drift_doubts.early_tare_doubts(since_ns, begun_ns, 'model went live')
+            self._said += early_tare_doubts(since_ns, begun_ns, 'model went live')
         if keep_output_of is None or self.compensating:
             self._waits_since_ns = None
         elif self._waits_since_ns is None:
@@ -233,10 +234,10 @@ class Compensator:
         self._forget_doubts(but=exchanged_by_jumps(self.tracker.spikes))
         # A drift that is held, as no temperature comes, is none to tare with.
         held_ns = stamp_ns - self.tracker.end_ns
-        is_held = held_ns > max(drift_doubts.usual_silences_ns(self.tracker))
+        is_held = held_ns > max(usual_silences_ns(self.tracker))
         has_drift = self.compensating and self.tracker.awaited is None and not is_held
         self._waits_since_ns = None if has_drift else stamp_ns
-        self._said += drift_doubts.tare_doubts(self.tracker, has_drift=has_drift)
+        self._said += tare_doubts(self.tracker, has_drift=has_drift)
         self._refresh_correction()
         return self.tare
 

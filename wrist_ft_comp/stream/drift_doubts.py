@@ -1,11 +1,10 @@
 """
-What may be wrong with the drift that is subtracted, and with a tare: sentences for the statuses.
+What may be wrong with the drift that is subtracted: sentences for the statuses.
 
 Only what is off by more than the model itself leaves is said.
 """
 
-from collections.abc import Iterator, Mapping
-import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -16,8 +15,6 @@ from wrist_ft_comp.stream import thermometer_faults
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 
-#: A tare holds what drifted between it and the first temperature; said from this time on, s.
-_LATE_TEMPERATURE_S = 30.0
 #: Drift that may be off by fewer standard deviations of the model than this is not doubted.
 _CERTAIN = 3.0
 
@@ -122,43 +119,7 @@ def jump_doubts(tracker: DriftTracker) -> list[str]:
     return said
 
 
-def usual_silences_ns(tracker: DriftTracker) -> list[int]:
-    """Give how long a living thermometer may be silent, ns, for each."""
-    grid, least_ns = tracker.grid, round(_LATE_TEMPERATURE_S * NANOSECONDS)
-    count = len(tracker.spikes)
-    return [max(least_ns, 2 * grid.period_ns * grid.spacing(j)) for j in range(count)]
 
 
-def tare_doubts(tracker: DriftTracker, *, has_drift: bool) -> Iterator[str]:
-    """Say what a tare that is taken now will hold; without a drift it takes that up later."""
-    grid, usual_ns = tracker.grid, usual_silences_ns(tracker)
-    silent = grid.silent(tracker.end_ns // grid.period_ns) if has_drift else ()
-    for j, cells in enumerate(silent):
-        if cells * grid.period_ns > usual_ns[j] and j not in tracker.replaced:
-            yield (
-                f'the tare was taken while thermometer {j + 1} was silent, and holds what '
-                'drifted since; call ~/tare when it reports'
-            )
-    memory_s = 0.0 if tracker.model is None else tracker.memory_s
-    for j, spikes in enumerate(tracker.spikes, start=1):
-        if wait_s := spikes.remembered_s(tracker.end_ns, memory_s):
-            yield (
-                f'the tare was taken while the model remembers that thermometer {j} jumped; '
-                f'tare again in {wait_s / 60:.0f} min'
-            )
-    if gap_doubts(tracker) or frozen_doubts(tracker):
-        yield (
-            'the tare was taken while the thermal state was uncertain; call ~/tare when the '
-            'status temperature is OK'
-        )
 
 
-def early_tare_doubts(since_ns: float, begun_ns: int, because: str) -> Iterator[str]:
-    """Say that a tare, which keeps the output now that the drift begins, was taken before."""
-    late_s = (begun_ns - since_ns) / NANOSECONDS
-    if late_s > _LATE_TEMPERATURE_S:
-        before = 'some time' if math.isinf(late_s) else f'{late_s:.0f} s'
-        yield (
-            f'the tare was taken {before} before the {because}, and holds what drifted since; '
-            'call ~/tare'
-        )

@@ -1,6 +1,10 @@
-"""Taring: a mean raw wrench over some time, refused while the load moves."""
+"""
+Taring: a mean raw wrench over some time, refused while the load moves.
 
-from collections.abc import Sequence
+What a tare holds beside the load, because of the drift, is said here, too.
+"""
+
+from collections.abc import Iterator, Sequence
 import math
 
 import numpy as np
@@ -10,14 +14,18 @@ from wrist_ft_comp.drift.drift_model import Drift, DriftModel
 from wrist_ft_comp.errors import RecordingError, TareRefusedError
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
+from wrist_ft_comp.stream.drift_doubts import frozen_doubts, gap_doubts
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift
+from wrist_ft_comp.stream.drift_tracker import DriftTracker
 
 #: Parts whose means are compared with the whole: noise averages out, motion does not.
 _PARTS = 5
 #: A step between two stamps counts for this share of the duration at most: a clock that leaps, or
 #: a sensor that was silent, is no time of taring. A tare has at least as many steps as that takes.
 _LONGEST_STEP_SHARE = 0.1
+#: A tare holds what drifted between it and the first temperature; said from this time on, s.
+_LATE_TEMPERATURE_S = 30.0
 
 
 class TareCollector:
@@ -115,3 +123,45 @@ def tare_at_start(
             tared = (cells - cells[0]) * recording.period_s < max(tare_s, recording.period_s)
             tare[column] = values[cells[tared]].mean()
     return tare
+
+
+def usual_silences_ns(tracker: DriftTracker) -> list[int]:
+    """Give how long a living thermometer may be silent, ns, for each."""
+    grid, least_ns = tracker.grid, round(_LATE_TEMPERATURE_S * NANOSECONDS)
+    count = len(tracker.spikes)
+    return [max(least_ns, 2 * grid.period_ns * grid.spacing(j)) for j in range(count)]
+
+
+def tare_doubts(tracker: DriftTracker, *, has_drift: bool) -> Iterator[str]:
+    """Say what a tare that is taken now will hold; without a drift it takes that up later."""
+    grid, usual_ns = tracker.grid, usual_silences_ns(tracker)
+    silent = grid.silent(tracker.end_ns // grid.period_ns) if has_drift else ()
+    for j, cells in enumerate(silent):
+        if cells * grid.period_ns > usual_ns[j] and j not in tracker.replaced:
+            yield (
+                f'the tare was taken while thermometer {j + 1} was silent, and holds what '
+                'drifted since; call ~/tare when it reports'
+            )
+    memory_s = 0.0 if tracker.model is None else tracker.memory_s
+    for j, spikes in enumerate(tracker.spikes, start=1):
+        if wait_s := spikes.remembered_s(tracker.end_ns, memory_s):
+            yield (
+                f'the tare was taken while the model remembers that thermometer {j} jumped; '
+                f'tare again in {wait_s / 60:.0f} min'
+            )
+    if gap_doubts(tracker) or frozen_doubts(tracker):
+        yield (
+            'the tare was taken while the thermal state was uncertain; call ~/tare when the '
+            'status temperature is OK'
+        )
+
+
+def early_tare_doubts(since_ns: float, begun_ns: int, because: str) -> Iterator[str]:
+    """Say that a tare, which keeps the output now that the drift begins, was taken before."""
+    late_s = (begun_ns - since_ns) / NANOSECONDS
+    if late_s > _LATE_TEMPERATURE_S:
+        before = 'some time' if math.isinf(late_s) else f'{late_s:.0f} s'
+        yield (
+            f'the tare was taken {before} before the {because}, and holds what drifted since; '
+            'call ~/tare'
+        )
