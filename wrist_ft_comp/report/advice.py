@@ -37,7 +37,7 @@ _ONE_WAY_SHARE = 0.2
 #: of nine simulated days, each learnt alone, had 0.04 to 0.5; two had 0.54 and 0.84.
 LOOSE_SHARE = 0.5
 #: What is warned of where a load moves (fit/segments.py), and where thermometers are exchanged
-#: (stream/thermometer_faults.py).
+#: (stream/exchanged_thermometers.py).
 _MOTION = 'swings around its levels'
 _EXCHANGED = 'read what is expected of each other'
 _CALIBRATE_AGAIN = 'Calibrate again with these recordings among the others.'

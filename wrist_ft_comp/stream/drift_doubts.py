@@ -11,7 +11,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream import thermometer_faults
+from wrist_ft_comp.stream import exchanged_thermometers, thermometer_faults
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 
@@ -96,7 +96,7 @@ def _off(model: DriftModel | None, off: FloatArray, *, times: float = _CERTAIN) 
 def jump_doubts(tracker: DriftTracker) -> list[str]:
     """Say what thermometers read since the last tare that moves the zero."""
     memory_s = 0.0 if tracker.model is None else tracker.memory_s
-    pairs = thermometer_faults.exchanged_by_jumps(tracker.spikes)
+    pairs = exchanged_thermometers.exchanged_by_jumps(tracker.spikes)
     said = [
         f'thermometers {i + 1} and {j + 1} jumped at once, one up as far as the other down; are '
         'their plugs or topics exchanged? A tare does not help: put them back, or call '
@@ -117,9 +117,3 @@ def jump_doubts(tracker: DriftTracker) -> list[str]:
                 f'the model remembers that for {memory_s / 60:.0f} min'
             )
     return said
-
-
-
-
-
-

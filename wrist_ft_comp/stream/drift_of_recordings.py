@@ -14,7 +14,7 @@ from wrist_ft_comp.drift.drift_model import Drift, DriftModel, run_from_rest
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
-from wrist_ft_comp.stream import thermometer_faults
+from wrist_ft_comp.stream import exchanged_thermometers, thermometer_faults
 from wrist_ft_comp.stream.temperature_gaps import longest_gap_s, reporting_cells
 from wrist_ft_comp.stream.thermometer_faults import ThermometerState
 
@@ -95,7 +95,7 @@ def exchange_doubts(model: DriftModel, recording: Recording) -> dict[str, float]
     known = dict[tuple[int, int], str]()
     for reading_c in readings_c:
         state = thermometer_faults.step(prediction, state, reading_c, heard, time_s, 0.0)
-        known = thermometer_faults.exchanged(prediction, state, known)
+        known = exchanged_thermometers.exchanged(prediction, state, known)
         said.update(known.values())
     return {sentence: count / len(readings_c) for sentence, count in said.items()}
 

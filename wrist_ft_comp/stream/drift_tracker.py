@@ -8,7 +8,12 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
 from wrist_ft_comp.series import BoolArray, FloatArray, NANOSECONDS
-from wrist_ft_comp.stream import drift_bounds, temperature_gaps, thermometer_faults
+from wrist_ft_comp.stream import (
+    drift_bounds,
+    exchanged_thermometers,
+    temperature_gaps,
+    thermometer_faults,
+)
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
 from wrist_ft_comp.stream.drift_bounds import SPAN_S, Uncertainty
 from wrist_ft_comp.stream.temperature_gaps import ThermalMemory, why_forgotten
@@ -151,7 +156,7 @@ class DriftTracker:
 
         if gap_s > 0 and self.reading_c is not None:
             after = cell.number * self.grid.period_ns, cell.temperature_c
-            thermometer_faults.note_exchange(self.spikes, (self.end_ns, self.reading_c), after)
+            exchanged_thermometers.note_exchange(self.spikes, (self.end_ns, self.reading_c), after)
 
         # Which thermometers are believed; the others are predicted.
         believed_c = cell.temperature_c
@@ -163,7 +168,7 @@ class DriftTracker:
             self.thermometers = thermometer_faults.step(
                 prediction, state, believed_c, cell.measured, period_s, gap * period_s
             )
-            self._exchanged = thermometer_faults.exchanged(
+            self._exchanged = exchanged_thermometers.exchanged(
                 prediction, self.thermometers, self._exchanged
             )
             believed_c = self.thermometers.believed_c
@@ -173,7 +178,7 @@ class DriftTracker:
             believed_again = state.replaced & ~self.thermometers.replaced
             agreed_k = np.where(believed_again, prediction.agree_k, 0.0)
         predicts = None if self.model is None else self.model.prediction
-        thermometer_faults.end_exchange(self.spikes, predicts, self.thermometers, self.end_ns)
+        exchanged_thermometers.end_exchange(self.spikes, predicts, self.thermometers, self.end_ns)
 
         # Run the model through the gap, on a straight line, and through the cell.
         line_c = believed_c[np.newaxis]

@@ -18,9 +18,7 @@ Both are one rule for the running stream and for files. No earlier cell is chang
 follows a wrong reading until it is found, and ``Limits`` bounds how fast it moves then.
 """
 
-from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 import math
 from typing import NamedTuple
 
@@ -30,7 +28,7 @@ from wrist_ft_comp.drift.drift_model import ThermometerPrediction
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, IntArray, NANOSECONDS
 
 #: A thermometer in metal does not change by more than this from sample to sample, K ...
-_JUMP_K = 2.0
+JUMP_K = 2.0
 #: ... plus this for every second between them, K/s.
 _JUMP_K_S = 0.2
 
@@ -45,11 +43,6 @@ _STILL_ALONE_S, _STILL_TIMES = 600.0, 10.0
 _KNOWN_S, _LEAST_KNOWN_S = 3600.0, 1800.0
 #: A thermometer that was replaced has to agree for this time before it is believed, s.
 AGREED_S = 1800.0
-#: Two may be exchanged where both are farther from their predictions than this many times what a
-#: healthy one is.
-EXCHANGED = 2.0
-#: Or where they jumped within this time, s, by the same to this share, one up and one down.
-_AT_ONCE_S, _ALIKE_SHARE = 60.0, 0.25
 #: Predictions are compared after a relaxation with this time constant, s, against their noise.
 _SMOOTHING_S = 60.0
 #: A start takes the body as soaked at the temperatures after this time, s, because a first reading
@@ -64,7 +57,7 @@ Reading = tuple[int, float]
 
 def jumps(steps_k: FloatArray | float, elapsed_s: FloatArray | float) -> BoolArray:
     """Say which changes, K, are too fast for metal, by the seconds that each took; any shape."""
-    return np.asarray(np.abs(steps_k) > _JUMP_K + _JUMP_K_S * elapsed_s)
+    return np.asarray(np.abs(steps_k) > JUMP_K + _JUMP_K_S * elapsed_s)
 
 
 def _apart(one: Reading, other: Reading) -> bool:
@@ -113,7 +106,7 @@ class SpikeFilter:
     @property
     def stayed_k(self) -> float:
         """How far it has jumped and stayed since the last tare, K; 0 where it came back."""
-        return self.jump.by_k if abs(self.jump.by_k) > _JUMP_K else 0.0
+        return self.jump.by_k if abs(self.jump.by_k) > JUMP_K else 0.0
 
     def remembered_s(self, now_ns: int, memory_s: float) -> float:
         """For how long a model remembers what it read before it jumped, s; 0 if not."""
@@ -207,41 +200,6 @@ class SpikeFilter:
             if self.wrong_starts > starts:
                 counted[:k] = False
         return stamps_ns[counted], temperature_c[counted]
-
-
-def exchanged_by_jumps(spikes: Sequence[SpikeFilter]) -> list[tuple[int, int]]:
-    """Find pairs that jumped at once, one up as far as the other down, which no tare mends."""
-    pairs = []
-    for (i, one), (j, other) in combinations(enumerate(spikes), 2):
-        apart_ns = (one.jump.at_ns or 0) - (other.jump.at_ns or 0)
-        at_once = abs(apart_ns) <= _AT_ONCE_S * NANOSECONDS
-        if at_once and _are_opposite(one.stayed_k, other.stayed_k):
-            pairs.append((i, j))
-    return pairs
-
-
-def _are_opposite(up_k: float, down_k: float) -> bool:
-    """Whether one jumped up as far as the other down."""
-    return bool(up_k and down_k and abs(up_k + down_k) < _ALIKE_SHARE * abs(up_k - down_k))
-
-
-def note_exchange(
-    spikes: Sequence[SpikeFilter],
-    before: tuple[int, FloatArray], after: tuple[int, FloatArray],
-) -> None:  # fmt: skip
-    """
-    Take as a jump where each of a pair reads, after a gap, what the other read before it.
-
-    Takes when the gap began and ended, ns, and what was read then, °C, (J,). Metal had the time.
-    """
-    (begin_ns, before_c), (end_ns, after_c) = before, after
-    for i, j in combinations(range(len(spikes)), 2):
-        apart_k = abs(before_c[j] - before_c[i])
-        crossed_k = np.abs(after_c[[i, j]] - before_c[[j, i]])
-        if apart_k > _JUMP_K and crossed_k.max() < _ALIKE_SHARE * apart_k:
-            for k in (i, j):
-                if (spikes[k].jump.at_ns or 0) < begin_ns:
-                    spikes[k].note_jump(end_ns, float(after_c[k] - before_c[k]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -410,60 +368,3 @@ def too_still_s(readings_c: FloatArray, period_s: float) -> float:
     still_s = float(len(readings_c) - begins[-1]) * period_s
     likely_s = max(_STILL_ALONE_S, _STILL_TIMES * float(lengths[lately].max()) * period_s)
     return still_s if still_s > likely_s else 0.0
-
-
-def exchanged(
-    prediction: ThermometerPrediction,
-    state: ThermometerState,
-    known: Collection[tuple[int, int]] = (),
-) -> dict[tuple[int, int], str]:
-    """
-    Say which pairs of thermometers read what is expected of each other, or are ``known`` to.
-
-    Both are far from what the others predict of them, and near it if they are taken for each
-    other, as where plugs were exchanged. Known ones are until one of them agrees with the others.
-    """
-    off_k, said = np.abs(state.reading_c - state.predicted_c), {}
-    clear = off_k > EXCHANGED * prediction.agree_k
-    for i, j in combinations(np.flatnonzero(off_k > prediction.agree_k).tolist(), 2):
-        near = _off_exchanged(prediction, state, i, j) <= prediction.agree_k
-        if (i, j) in known or (near[[i, j]].all() and clear[[i, j]].all()):
-            said[i, j] = (
-                f'thermometers {i + 1} and {j + 1} read what is expected of each other; are their '
-                'plugs, topics or columns exchanged? The drift is wrong until that is mended'
-            )
-    return said
-
-
-def end_exchange(
-    spikes: Sequence[SpikeFilter], prediction: ThermometerPrediction | None,
-    state: ThermometerState | None, now_ns: int,
-) -> None:  # fmt: skip
-    """
-    End the jumps of a pair that was put back.
-
-    It jumped a second time, by what they differ by then, or it reads what is expected of it, and
-    would not if it were exchanged.
-    """
-    for i, j in exchanged_by_jumps(spikes):
-        one, other = spikes[i].jump, spikes[j].jump
-        steps_k = one.by_k - one.off_k, other.by_k - other.off_k
-        if _are_opposite(one.off_k, other.off_k) and _are_opposite(*steps_k):
-            spikes[i].jump, spikes[j].jump = one._replace(by_k=0.0), other._replace(by_k=0.0)
-        elif prediction is not None and state is not None:
-            near = np.abs(state.reading_c - state.predicted_c) <= prediction.agree_k
-            wrong = _off_exchanged(prediction, state, i, j) > EXCHANGED * prediction.agree_k
-            lasted_ns = now_ns - (one.at_ns or 0)
-            if (near & wrong)[[i, j]].all() and lasted_ns > AGREED_S * NANOSECONDS:
-                spikes[i].end_jump(now_ns)
-                spikes[j].end_jump(now_ns)
-
-
-def _off_exchanged(
-    prediction: ThermometerPrediction, state: ThermometerState, i: int, j: int
-) -> FloatArray:
-    """Give how far all would be from what is expected if two were exchanged, K, (J,)."""
-    order = np.arange(len(state.reading_c))
-    order[[i, j]] = j, i
-    expected_c = prediction.predict(state.relaxed_c[:, order])
-    return np.asarray(np.abs(state.reading_c[order] - expected_c))
