@@ -222,6 +222,24 @@ def test_a_start_at_temperatures_that_move_is_doubted_as_far_as_it_may_be_wrong(
         assert ['uncertain' in d for d in compensator.zero_doubts] == [True] * is_said
 
 
+@pytest.mark.parametrize(('start_c', 'is_doubted'), [(24.0, False), (35.0, True)])
+def test_a_zero_that_is_made_while_the_drift_may_be_off_is_doubted(
+    make_model, start_c, is_doubted
+):
+    """A tare in the first minute, before the start is judged; a slow model that goes live."""
+    for change, made in ((False, 'tare was taken'), (True, 'model went live')):
+        compensator = Compensator(1, model=doubting(make_model, 200.0))
+        for second in range(180):
+            compensator.add_temperature(0, START + second * SECOND, start_c)
+            if second == 20 and not change:
+                compensator.set_tare(np.zeros(6), START + second * SECOND)
+        if change:
+            wrench = START + 180 * SECOND, [0.0] * 6
+            compensator.go_live(doubting(make_model, 900.0), wrench)
+        said = [f'{made} while the thermal state' in why for why in compensator.zero_doubts]
+        assert said == [True] * is_doubted
+
+
 @pytest.mark.parametrize(('morning_c', 'is_doubted'), [(22.0, False), (35.0, True)])
 def test_after_a_night_a_sensor_as_cold_as_a_room_has_soaked(make_model, morning_c, is_doubted):
     model = doubting(make_model)

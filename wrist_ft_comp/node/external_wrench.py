@@ -221,11 +221,11 @@ class ExternalWrench(Part):
         if off_n and self.compensator.tared and not self.check.found:
             yield (
                 f'wrench_external rests at {off_n:.2g} N in all directions: at the tare, another '
-                'payload was mounted than was named, or the zero is another one since then; free '
-                'the tool, name what is mounted, and call ~/tare'
+                'payload was mounted than was named, or the zero is another one since, or a '
+                'process presses; free the tool, name what is mounted, and call ~/tare'
             )
         if self._hidden.look(time.monotonic(), self.tared_s, rest_n, weight_n):
-            self.compensator.doubt_zero(
+            yield (
                 f'the weight of {payload.name} does not show, and the tare was taken while '
                 'payload.active was empty: if it was mounted then, call ~/tare'
             )

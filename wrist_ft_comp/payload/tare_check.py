@@ -10,9 +10,9 @@ from wrist_ft_comp.series import FloatArray
 
 #: When a payload becomes active after a tare without one, its weight has to show within this, s.
 _SHOWN_S = 10.0
-#: What is left of a free force without the weight is less than this, N, after a right tare; in so
-#: many directions, that proves the tare.
-_NEAR_N, _PROOFS = 1.0, 3
+#: What is left of a free force without the weight is less than this, N, or this share of the
+#: weight, after a right tare; in so many directions, that proves the tare.
+_NEAR_N, _NEAR_SHARE, _PROOFS = 1.0, 0.05, 3
 
 
 class HiddenWeight:
@@ -56,9 +56,13 @@ class TareCheck:
         if not self._looks or np.linalg.norm(now[1] - self._looks[-1][1]) >= MOVED_N:
             self._looks.append(now)
         rests, weights = np.array(self._looks).swapaxes(0, 1)
-        off = np.median(rests, axis=0)
-        near = np.linalg.norm(rests, axis=1) < _NEAR_N
+        off, near_n = (
+            np.median(rests, axis=0),
+            max(_NEAR_N, _NEAR_SHARE * np.linalg.norm(weight_n)),
+        )
+        near = np.linalg.norm(rests, axis=1) < near_n
         self._is_right |= len(distinct(weights[near])) >= _PROOFS
-        same = np.linalg.norm(rests - off, axis=1) < _NEAR_N
+        same = np.linalg.norm(rests - off, axis=1) < near_n
         is_same = same.mean() >= ON_SPHERE and len(distinct(weights[same])) >= DIRECTIONS
-        return float(np.linalg.norm(off)) if is_same and not self._is_right else 0.0
+        off_n = float(np.linalg.norm(off))
+        return off_n if is_same and off_n > near_n and not self._is_right else 0.0

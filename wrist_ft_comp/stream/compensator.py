@@ -13,10 +13,16 @@ from wrist_ft_comp.recording import PERIODS_S
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream import drift_doubts
 from wrist_ft_comp.stream.clock import Sample
+from wrist_ft_comp.stream.drift_bounds import SPAN_S
 from wrist_ft_comp.stream.drift_limits import axis_limits, Limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.exchanged_thermometers import exchanged_by_jumps
-from wrist_ft_comp.stream.tare import early_tare_doubts, tare_doubts, usual_silences_ns
+from wrist_ft_comp.stream.tare import (
+    early_tare_doubts,
+    tare_doubts,
+    uncertain_doubts,
+    usual_silences_ns,
+)
 from wrist_ft_comp.stream.temperature_gaps import ThermalMemory
 from wrist_ft_comp.stream.thermal_cells import ThermalCell
 
@@ -80,6 +86,8 @@ class Compensator:
         self._ramp_ns, self._end_ns = period_ns, 0
         #: How far the last report of each thermometer moved the drift, N and N m, (6,).
         self.moves: dict[int, FloatArray] = {}
+        #: When the last tare was taken, ns.
+        self._tared_ns: float = -math.inf
         #: When a tare was taken before the drift begins: it takes up the drift then, so that the
         #: output stays. None where none waits, -inf before a restart; inf where there is no tare,
         #: but a model that was changed.
@@ -125,10 +133,14 @@ class Compensator:
         if not 0 <= thermometer < self.thermometers:
             last = self.thermometers - 1
             raise SettingsError(f'Thermometers are counted from 0 to {last}; got {thermometer}.')
-        had_drift = self.compensating
+        had_drift, uncertainty = self.compensating, self.tracker.uncertainty
         cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
         if not cells or not self.compensating:
             return cells
+        # How far a start, or a gap, was off is known a minute later.
+        lately = 0 <= stamp_ns - self._tared_ns <= 2 * SPAN_S * NANOSECONDS
+        if lately and self.tracker.uncertainty is not uncertainty:
+            self._doubt_uncertain('the tare was taken')
         target = self.target
         since_ns = self._waits_since_ns
         if had_drift and since_ns is not None and self.tracker.end_ns < since_ns < math.inf:
@@ -202,9 +214,13 @@ class Compensator:
         """
         if model is not None:
             check_fits(model, self.thermometers)
-        if keep_output_of is not None and self._lags(self.compensation_at(keep_output_of[0])):
-            self.doubt_zero('the drift lagged behind when the model was changed; call ~/tare')
+        if keep_output_of is not None:
+            self._doubt_uncertain('the model went live')
+            if self._lags(self.compensation_at(keep_output_of[0])):
+                self.doubt_zero('the drift lagged behind when the model was changed; call ~/tare')
         self.tracker.use(model)
+        if keep_output_of is not None:
+            self._doubt_uncertain('the model went live')
         if self._waits_since_ns is not None and self.compensating:
             since_ns, begun_ns = self._waits_since_ns, self.tracker.end_ns
             self._said += early_tare_doubts(since_ns, begun_ns, 'model went live')
@@ -230,7 +246,7 @@ class Compensator:
         self.tare = np.nan_to_num(raw - drift.zero)  # axes that the sensor has not
         carried = np.zeros(len(AXES)) if weight is None else weight
         self.external_tare = self.tare - (1.0 + drift.sensitivity) * carried
-        self.tared = True
+        self.tared, self._tared_ns = True, stamp_ns
         self._forget_doubts(but=exchanged_by_jumps(self.tracker.spikes))
         # A drift that is held, as no temperature comes, is none to tare with.
         held_ns = stamp_ns - self.tracker.end_ns
@@ -245,6 +261,10 @@ class Compensator:
         """Say until the next tare, in a sentence, why the zero may be another one."""
         if why not in self._said:
             self._said.append(why)
+
+    def _doubt_uncertain(self, made: str) -> None:
+        for why in uncertain_doubts(self.tracker, made):
+            self.doubt_zero(why)
 
     def _forget_doubts(self, but: Sequence[tuple[int, int]] = ()) -> None:
         self._said.clear()

@@ -149,10 +149,15 @@ def tare_doubts(tracker: DriftTracker, *, has_drift: bool) -> Iterator[str]:
                 f'the tare was taken while the model remembers that thermometer {j} jumped; '
                 f'tare again in {wait_s / 60:.0f} min'
             )
+    yield from uncertain_doubts(tracker, 'the tare was taken')
+
+
+def uncertain_doubts(tracker: DriftTracker, made: str) -> Iterator[str]:
+    """Say that a zero that is made now, in words, is of a drift that may be off."""
     if gap_doubts(tracker) or frozen_doubts(tracker):
         yield (
-            'the tare was taken while the thermal state was uncertain; call ~/tare when the '
-            'status temperature is OK'
+            f'{made} while the thermal state was uncertain; call ~/tare when the status '
+            'temperature is OK'
         )
 
 

@@ -63,6 +63,8 @@ class SensorWatch:
         self._same: IntArray = np.zeros(len(AXES), np.int64)
         #: The readings of the last two seconds.
         self._lately: deque[FloatArray] = deque(maxlen=2 * _RUN_LOOKS)
+        #: Whether a reading at rest was near zero on all axes, without a jump to it.
+        self._rests_at_zero = False
         #: Share of the last looks that showed a new value, per axis.
         self._lively: FloatArray = np.zeros(len(AXES))
         #: Looks at an axis that stood still while others moved; the last, at all that stood still.
@@ -92,7 +94,8 @@ class SensorWatch:
         Whether a reading at rest jumped to zero on all axes between two looks, a second ago.
 
         ``free`` is what the sensor is to read without a load, N and N m, (6,), and ``deviation``
-        that of the model, NaN where there is none: where it is near zero, a load was let go.
+        that of the model, NaN where there is none: where it is near zero, or rested there before,
+        as with a tool in one pose, a load was let go.
         """
         if len(self._lately) < 2 * _RUN_LOOKS:
             return False
@@ -103,7 +106,9 @@ class SensorWatch:
         # Zeros to the last bit are those of a broken sensor.
         at_rest = (scatter < axis_limits(_REST_N)).all() and scatter[1].any()
         jumped = (np.abs(before - now) > off).any() and (np.abs(free) > 2 * off).any()
-        return bool(at_rest and jumped and (np.abs(now) < off).all())
+        is_zero = bool((np.abs(now) < off).all())
+        self._rests_at_zero |= is_zero and bool((np.abs(before) < off).all())
+        return bool(at_rest and jumped and is_zero and not self._rests_at_zero)
 
     @property
     def frozen(self) -> bool:

@@ -389,15 +389,13 @@ def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
 def test_a_tool_that_was_on_at_a_tare_without_its_name_is_a_warning(held, monkeypatch, on, name):
     monkeypatch.setattr('wrist_ft_comp.payload.tare_check._SHOWN_S', -1.0)
     part, weight = held(**{'payload.active': name}), TOOL.weight(UP)
-    compensator = part.part.compensator
-    compensator.set_tare(on * weight + CONSTANT, START, weight if name else None)
+    part.part.compensator.set_tare(on * weight + CONSTANT, START, weight if name else None)
     for active in ('', 'day-1'):
         part.hub.set(part.part, **{'payload.active': active})
     part.feel(START, UP)
-    part.ask(START, weight + CONSTANT)
-    part.status()
-    doubt = 'the weight of day-1 does not show' in ''.join(compensator.zero_doubts)
-    assert doubt == (on and not name)
+    for press, hides in ((1.0, not name), (0.0, on and not name)):
+        part.ask(START, weight + CONSTANT - press * weight)
+        assert ('the weight of day-1 does not show' in part.status().message) == hides, press
 
 
 @pytest.mark.parametrize('tared', [False, True])
