@@ -139,7 +139,7 @@ class Robot:
         #: The true load now, and that and the contact which the last tare made zero, N and N m.
         self._load: FloatArray = np.zeros(6)
         self._tared: FloatArray = np.zeros(6)
-        self._pushed: FloatArray = np.zeros(6)
+        self.pushed: FloatArray = np.zeros(6)
         self._out: list[bytes] = []
         self._external: list[bytes] = []
         self.statuses: dict[str, Any] = {}
@@ -258,7 +258,7 @@ class Robot:
             offer._on_header(served.callback(untyped.Request(), untyped.Response()), answers)
             yield 4.0
             if answers and answers[0].success:
-                self._tared, self._pushed = self._load.copy(), self._push()
+                self._tared, self.pushed = self._load.copy(), self._push()
         self.held_still = False
 
     # The world
@@ -396,7 +396,7 @@ class Robot:
         noise = self.unit * self.turn @ self._noise
         true = {'wrench': (self._out, self._load - self._tared)}
         if self.named is not None and self.gravity != 'none':
-            true['wrench_external'] = self._external, self._push() - self._pushed
+            true['wrench_external'] = self._external, self._push() - self.pushed
         return {
             name: np.array(struct.unpack('<6d', out[-1][-48:])) - self.shown @ load - noise
             if out

@@ -41,6 +41,8 @@ QUIET_S = 3600.0
 REMEMBERED_S = 12000.0
 REMEMBERING = {'thermometer', 'clock', 'node'}
 REMEMBERED = 'thermal state|model remembers|until it came back'
+#: What is said, and true, of a tare that was taken in contact.
+PRESSED = 'rests at # N in all directions|free the tool'
 #: Mean time between events, s.
 BETWEEN_S = 2400.0
 #: An operator tares this long after a status asked for it by such words, s.
@@ -128,7 +130,8 @@ class Oracle:
             kind = ''
             for sentence in text.split('; ') if quiet_s and text else []:
                 is_remembered = remembers and re.search(REMEMBERED, sentence)
-                if sentence not in self._warned and not is_remembered:
+                is_pressed = robot.pushed.any() and re.search(PRESSED, sentence)
+                if sentence not in self._warned and not (is_remembered or is_pressed):
                     kind = 'false warning'
             self._note(kind, f'{self.last if kind else "statuses"}: {said or "all OK"}')
         self._warned = text
