@@ -240,6 +240,24 @@ def test_a_zero_that_is_made_while_the_drift_may_be_off_is_doubted(
         assert said == [True] * is_doubted
 
 
+@pytest.mark.parametrize('hours', [0, 12])
+def test_a_clock_that_stood_still_over_the_night_is_seen_by_the_temperatures(make_model, hours):
+    """A computer whose clock goes on where it was shut down."""
+    model = doubting(make_model, 1200.0)
+    evening, morning = (Compensator(1, model=model) for _ in range(2))
+    for second in range(1200):
+        evening.add_temperature(0, START + second * SECOND, 22.0 + second / 150)
+    morning.resume(evening.memory(), 40.0)
+    for second in range(1240, 1310):
+        morning.add_temperature(0, START + second * SECOND, 22.0 if hours else 29.5)
+    soaked = Compensator(1, model=model)
+    for second in range(70):
+        soaked.add_temperature(0, START + second * SECOND, 22.0)
+    apart_n = abs(morning.tracker.drift.zero - soaked.tracker.drift.zero)[2]
+    assert (apart_n < 0.01) == bool(hours)
+    assert not gap_doubts(morning.tracker)
+
+
 @pytest.mark.parametrize(('morning_c', 'is_doubted'), [(22.0, False), (35.0, True)])
 def test_after_a_night_a_sensor_as_cold_as_a_room_has_soaked(make_model, morning_c, is_doubted):
     model = doubting(make_model)

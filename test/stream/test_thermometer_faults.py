@@ -360,6 +360,14 @@ def test_one_that_is_replaced_stays_so_under_another_model_and_over_a_restart(le
 
 
 @pytest.mark.parametrize(
+    ('usual_s', 'still_s', 'said'), [(None, 4000, False), (30.0, 590, False), (30.0, 650, True)]
+)
+def test_a_single_one_that_never_moved_is_doubted_by_its_calibration(usual_s, still_s, said):
+    readings_c = np.full(still_s // 5, 22.0)
+    assert thermometer_faults.too_still_s(readings_c, 5.0, usual_s) == (still_s if said else 0)
+
+
+@pytest.mark.parametrize(
     ('repeats_s', 'still_s', 'said'),
     [(5, 590, False), (5, 650, True), (100, 950, False), (100, 1100, True)],
 )

@@ -97,6 +97,8 @@ class DriftModel:
     start_s: float = 0.0
     #: What each thermometer should read by the others; None with one, or where it is not known.
     prediction: ThermometerPrediction | None = None
+    #: For how long each thermometer read the same at most, s; None where that is not known.
+    stands_s: Sequence[float | None] = ()
 
     def __post_init__(self) -> None:
         if self.thermometers < 1:

@@ -27,6 +27,7 @@ from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording, require_recordings
 from wrist_ft_comp.series import IntArray, Progress
+from wrist_ft_comp.stream.thermometer_faults import stands_s
 
 
 def calibrate(
@@ -126,6 +127,10 @@ def _learn(
     if refusals and all(fit.model is None for fit in fits.values()):
         raise CalibrationRefusedError(f'{refusals[0]}.')
     predicted = predict_each_other(recordings, folds) if data.tared else None
+    stands = [
+        [stands_s(column, recording.period_s).max() for column in recording.temperature_c.T]
+        for recording in recordings
+    ]
     model = DriftModel(
         period_ns=recordings[0].period_ns, thermometers=recordings[0].thermometers,
         axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
@@ -134,7 +139,7 @@ def _learn(
             axis: fit.day_limit for axis, fit in fits.items() if np.isfinite(fit.day_limit)
         },
         # A start takes means over this time: long for a thermometer's noise, short for a body.
-        start_s=BIN_S, prediction=predicted)  # fmt: skip
+        start_s=BIN_S, prediction=predicted, stands_s=np.max(stands, axis=0).tolist())  # fmt: skip
     return fits, model, said
 
 

@@ -217,7 +217,7 @@ class ExternalWrench(Part):
         if before is not None:
             change_n = weight_n - payload.weight(before)[:3]
             yield from filter(None, [self._lag_check.look(rest_n, weight_n, change_n)])
-        off_n = self._tare_check.off_n(rest_n, weight_n)
+        off_n = self._tare_check.off_n(time.monotonic(), rest_n, weight_n)
         if off_n and self.compensator.tared and not self.check.found:
             yield (
                 f'wrench_external rests at {off_n:.2g} N in all directions: at the tare, another '

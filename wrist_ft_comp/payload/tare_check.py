@@ -13,6 +13,8 @@ _SHOWN_S = 10.0
 #: What is left of a free force without the weight is less than this, N, or this share of the
 #: weight, after a right tare; in so many directions, that proves the tare.
 _NEAR_N, _NEAR_SHARE, _PROOFS = 1.0, 0.05, 3
+#: A proven tare is doubted where it was never near for this time, s: tools press for less.
+_PRESSED_S = 600.0
 
 
 class HiddenWeight:
@@ -41,16 +43,17 @@ class TareCheck:
     """Judges whether the last tare of wrench_external was of the weight that is taken off."""
 
     def __init__(self) -> None:
-        self._is_right = False
+        #: Whether this tare has proven itself, and when it was near last, s.
+        self._is_right, self._near_s = False, -math.inf
         #: What is left of the force, and the weight, N, (2, 3) each.
         self._looks: deque[FloatArray] = deque(maxlen=FORCES)
 
-    def off_n(self, rest_n: FloatArray, weight_n: FloatArray) -> float:
+    def off_n(self, now_s: float, rest_n: FloatArray, weight_n: FloatArray) -> float:
         """
         Take forces without the weight, and weights, N, (3,) each; say by how much the tare is off.
 
-        A wrong tare is the same in all directions. So is what a force-controlled tool presses
-        with: a tare that was right in some directions before is not doubted.
+        A wrong tare is the same in all directions, and so is a zero that moved. So is what a
+        force-controlled tool presses with, for some time.
         """
         now = np.stack((rest_n, weight_n))
         if not self._looks or np.linalg.norm(now[1] - self._looks[-1][1]) >= MOVED_N:
@@ -62,7 +65,10 @@ class TareCheck:
         )
         near = np.linalg.norm(rests, axis=1) < near_n
         self._is_right |= len(distinct(weights[near])) >= _PROOFS
+        if np.linalg.norm(rest_n) < near_n:
+            self._near_s = now_s
         same = np.linalg.norm(rests - off, axis=1) < near_n
         is_same = same.mean() >= ON_SPHERE and len(distinct(weights[same])) >= DIRECTIONS
         off_n = float(np.linalg.norm(off))
-        return off_n if is_same and off_n > near_n and not self._is_right else 0.0
+        is_proven = self._is_right and now_s - self._near_s < _PRESSED_S
+        return off_n if is_same and off_n > near_n and not is_proven else 0.0

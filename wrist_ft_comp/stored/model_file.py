@@ -97,6 +97,7 @@ class _Axis:
 
 class _Thermometer(NamedTuple):
     range_c: tuple[float, float]
+    stand_s: float | None
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,8 @@ def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
             day_limits={
                 axis: entry.day_limit for axis, entry in entries if entry.day_limit is not None
             },
-            start_s=record.start_s, prediction=record.prediction)  # fmt: skip
+            start_s=record.start_s, prediction=record.prediction,
+            stands_s=[each.stand_s for each in record.thermometers])  # fmt: skip
     except WristFtCompError as error:
         raise KIND.damaged(path, str(error)) from error
     return StoredModel(path, sha256, model, document)
@@ -161,11 +163,15 @@ def save_model(
     file than a model is in its place.
     """
     path = Path(path)
+    stands_s = calibration.model.stands_s or [None] * calibration.model.thermometers
     document = {
         'format': KIND.says,
         'version': KIND.version,
         'period_ns': calibration.model.period_ns,
-        'thermometers': [{'range_c': row} for row in calibration.temperature_range_c],
+        'thermometers': [
+            {'range_c': range_c, 'stand_s': stand_s}
+            for range_c, stand_s in zip(calibration.temperature_range_c, stands_s, strict=True)
+        ],
         'prediction': calibration.model.prediction,
         'duration_s': calibration.duration_s,
         'start_s': calibration.model.start_s,

@@ -34,15 +34,20 @@ def gap_doubts(tracker: DriftTracker) -> list[str]:
 def frozen_doubts(tracker: DriftTracker) -> list[str]:
     """Say which thermometers may be frozen, and how far the drift is off then."""
     state, model, period_ns = tracker.thermometers, tracker.model, tracker.grid.period_ns
-    too_still_s, period_s = thermometer_faults.too_still_s, period_ns / NANOSECONDS
+    period_s = period_ns / NANOSECONDS
+    usual_s = model.stands_s if model is not None else ()
+
+    def too_still_s(j: int) -> float:
+        known_s = usual_s[j] if usual_s else None
+        return thermometer_faults.too_still_s(tracker.history_c[:, j], period_s, known_s)
+
     if state is None or model is None or model.prediction is None:
         silent, sentences = tracker.grid.silent(tracker.end_ns // period_ns), list[str]()
-        for j, readings_c in enumerate(tracker.history_c.T):
-            still_s = too_still_s(readings_c, period_s)
-            if still_s and not silent[j]:
+        for j in range(len(silent)):
+            if not silent[j] and (still_s := too_still_s(j)):
                 sentences.append(
-                    f'thermometer {j + 1} has read the same for {still_s / 60:.0f} min, ten '
-                    'times as long as in the hour before; is it frozen? The drift follows it'
+                    f'thermometer {j + 1} has read the same for {still_s / 60:.0f} min, ten times '
+                    'as long as before; is it frozen? The drift follows it'
                 )
         return sentences
     sentences, one = [], np.eye(len(state.moved_k))
@@ -53,7 +58,7 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
     far = state.suspicious(model.prediction, 0.5)
     for j in np.flatnonzero(state.suspicious(model.prediction, 0.2)).tolist():
         # Where the robot hardly warms, one that is frozen is found by its own stands before.
-        if not far[j] and not too_still_s(tracker.history_c[:, j], period_s):
+        if not far[j] and not too_still_s(j):
             continue
         if worst := _off(model, tracker.effect(one[j] * state.moved_k)):
             sentences.append(

@@ -18,7 +18,12 @@ from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
 from wrist_ft_comp.stream.drift_bounds import SPAN_S, Uncertainty
 from wrist_ft_comp.stream.temperature_gaps import ThermalMemory, why_forgotten
 from wrist_ft_comp.stream.thermal_cells import ThermalCell, ThermalGrid
-from wrist_ft_comp.stream.thermometer_faults import Jump, SpikeFilter, ThermometerState
+from wrist_ft_comp.stream.thermometer_faults import (
+    Jump,
+    JUMP_K,
+    SpikeFilter,
+    ThermometerState,
+)
 
 #: A shorter gap is not reported, s, though the model may remember less: a thermometer may be read
 #: every five minutes.
@@ -147,7 +152,9 @@ class DriftTracker:
         period_s = self.grid.period_ns / NANOSECONDS
         gap = 0 if self._next is None else cell.number - self._next
         gap_s, history_c, state_before = gap * period_s, self.history_c, self.state
-        goes_on = self._goes_on(gap_s) if gap or self.awaited else True
+        why = self._stood_still(cell, gap_s) if self.awaited else ''
+        goes_on = self._goes_on(gap_s, why) if gap or self.awaited else True
+        gap_s = 2.0 * self.memory_s if why else gap_s
         # A pause of thermometers that report seldom is none.
         usual_s = 2 * period_s * max(map(self.grid.spacing, range(self._count)))
         is_long = gap_s > max(temperature_gaps.LEAST_GAP_S, usual_s)
@@ -259,11 +266,22 @@ class DriftTracker:
     def _span(model: DriftModel) -> int:
         return max(round(SPAN_S * NANOSECONDS / model.period_ns), 2)
 
-    def _goes_on(self, gap_s: float) -> bool:
-        """Decide whether the drift goes on over a gap, and say so."""
+    def _stood_still(self, cell: ThermalCell, gap_s: float) -> str:
+        """Say that clocks stood still in a gap: all temperatures moved farther than they can."""
+        span = round(SPAN_S * NANOSECONDS / self.grid.period_ns)
+        if self.reading_c is None or gap_s <= 0 or len(self.history_c) <= span:
+            return ''
+        fastest_k = np.abs(self.history_c[span:] - self.history_c[:-span]).max(axis=0)
+        most_k = JUMP_K + fastest_k * gap_s / SPAN_S
+        if (np.abs(cell.temperature_c - self.reading_c) <= most_k).any():
+            return ''
+        return f'all temperatures changed faster in {gap_s:.0f} s than ever: clocks stood still'
+
+    def _goes_on(self, gap_s: float, why: str) -> bool:
+        """Decide whether the drift goes on over a gap, which is another one ``why``, and say so."""
         memory, by_clock_s = self.awaited or (None, 0.0)
         self.awaited = None
-        problem = why_forgotten(gap_s, self.memory_s, by_clock_s)
+        problem = why_forgotten(gap_s, self.memory_s, by_clock_s) or why
         if problem:
             self._forget()
             if self.model is not None and (memory or not 0 <= gap_s < _REPORTED_GAP_S):

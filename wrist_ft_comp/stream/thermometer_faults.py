@@ -39,7 +39,7 @@ STILL_S = 180.0
 #: many times its longest stand before. 270 healthy simulated days and 80 h of a real probe had no
 #: false alarm; of 270 freezes 262 were found.
 _STILL_ALONE_S, _STILL_TIMES = 600.0, 10.0
-#: "Before" is this time, s; with less than the second one nothing is said.
+#: "Before" is this time, s; where less than the second one is known, what the calibration showed.
 _KNOWN_S, _LEAST_KNOWN_S = 3600.0, 1800.0
 #: A thermometer that was replaced has to agree for this time before it is believed, s.
 AGREED_S = 1800.0
@@ -353,18 +353,23 @@ def step(  # noqa: PLR0913, PLR0917 -- a cell as it comes
     return replace(state, agreed_s=agreed_s, reasons=tuple(reasons))
 
 
-def too_still_s(readings_c: FloatArray, period_s: float) -> float:
+def stands_s(readings_c: FloatArray, period_s: float) -> FloatArray:
+    """Give how long a thermometer read the same, s, one time after the other, the last at last."""
+    begins = np.flatnonzero(differ(readings_c[1:], readings_c[:-1])) + 1
+    return np.diff(begins, prepend=0, append=len(readings_c)) * period_s
+
+
+def too_still_s(readings_c: FloatArray, period_s: float, usual_s: float | None = None) -> float:
     """
     For how long a thermometer has read the same, s, where that is not likely; else 0.
 
     Takes what it read in the last cells, °C, (n,). It was never still for a tenth of that in the
-    hour before, and metal does not stop at once.
+    hour before, or, soon after a start, in the calibration (``usual_s``, where that is known).
+    Metal does not stop at once.
     """
-    begins = np.flatnonzero(differ(readings_c[1:], readings_c[:-1])) + 1
-    if not len(begins) or begins[-1] * period_s < _LEAST_KNOWN_S:
-        return 0.0
-    lengths = np.diff(begins, prepend=0)
-    lately = begins > begins[-1] - _KNOWN_S / period_s
-    still_s = float(len(readings_c) - begins[-1]) * period_s
-    likely_s = max(_STILL_ALONE_S, _STILL_TIMES * float(lengths[lately].max()) * period_s)
-    return still_s if still_s > likely_s else 0.0
+    *before, still_s = stands_s(readings_c, period_s).tolist()
+    ended_s = np.cumsum(before)
+    if before and ended_s[-1] >= _LEAST_KNOWN_S:
+        usual_s = max(np.array(before)[ended_s > ended_s[-1] - _KNOWN_S].tolist())
+    is_likely = usual_s is None or still_s <= max(_STILL_ALONE_S, _STILL_TIMES * usual_s)
+    return 0.0 if is_likely else still_s

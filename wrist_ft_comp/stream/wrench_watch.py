@@ -63,8 +63,8 @@ class SensorWatch:
         self._same: IntArray = np.zeros(len(AXES), np.int64)
         #: The readings of the last two seconds.
         self._lately: deque[FloatArray] = deque(maxlen=2 * _RUN_LOOKS)
-        #: Whether a reading at rest was near zero on all axes, without a jump to it.
-        self._rests_at_zero = False
+        #: What the free sensor was to read, N and N m, when a reading rested near zero on all axes.
+        self._free_at_zero: FloatArray = np.full(len(AXES), np.nan)
         #: Share of the last looks that showed a new value, per axis.
         self._lively: FloatArray = np.zeros(len(AXES))
         #: Looks at an axis that stood still while others moved; the last, at all that stood still.
@@ -107,8 +107,10 @@ class SensorWatch:
         at_rest = (scatter < axis_limits(_REST_N)).all() and scatter[1].any()
         jumped = (np.abs(before - now) > off).any() and (np.abs(free) > 2 * off).any()
         is_zero = bool((np.abs(now) < off).all())
-        self._rests_at_zero |= is_zero and bool((np.abs(before) < off).all())
-        return bool(at_rest and jumped and is_zero and not self._rests_at_zero)
+        if is_zero and (np.abs(before) < off).all():
+            self._free_at_zero = free
+        rested_there = (np.abs(free - self._free_at_zero) < off).all()
+        return bool(at_rest and jumped and is_zero and not rested_there)
 
     @property
     def frozen(self) -> bool:
