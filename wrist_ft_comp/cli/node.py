@@ -14,7 +14,7 @@ from rich.table import Table
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.cli import options, terminal
-from wrist_ft_comp.errors import NodeError, UsageError
+from wrist_ft_comp.errors import NodeError
 
 if TYPE_CHECKING:
     from wrist_ft_comp.cli.node_client import Operator, Watch
@@ -32,7 +32,6 @@ examples:
   wrist_ft_comp node record
   wrist_ft_comp node stop
   wrist_ft_comp node tare --name left
-  wrist_ft_comp node set payload.active=identified-1
   wrist_ft_comp node status
 """
 _LEVELS = {b'\0': 'ok', b'\1': 'WARNING', b'\2': 'ERROR', b'\3': 'STALE'}
@@ -42,11 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         'action', metavar='ACTION',
-        help='status, record, stop (ends a recording), set, or another service of it',
+        help='status, record, stop (ends a recording), or another service of it',
     )  # fmt: skip
-    parser.add_argument(
-        'values', nargs='*', metavar='NAME=VALUE',
-        help='what set changes: parameters of the node, all or none')  # fmt: skip
     parser.add_argument(
         '--name', default='',
         help='which node, by its name or namespace, where several run')  # fmt: skip
@@ -61,9 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     options.require_ros(NodeError, 'A running node is reached by rclpy')
     from wrist_ft_comp.cli import node_client  # noqa: PLC0415 -- loads rclpy
 
-    action, values = arguments.action, arguments.values
-    if bool(values) != (action == 'set'):
-        raise UsageError(f'set takes NAME=VALUE, and nothing else does; got {action} {values}.')
+    action = arguments.action
     with node_client.operating() as operator:
         name = operator.find(arguments.name)
         watch = node_client.Watch(operator, name)
@@ -73,24 +67,21 @@ def run(arguments: argparse.Namespace) -> int:
                     f'{name} has published no diagnostics for {node_client.SILENCE_S:.0f} s.'
                 )
             return _show(operator, name, watch, arguments)
-        if action == 'set':
-            answer = node_client.set_parameters(operator, name, values)
-        else:
-            service = 'record' if action == 'stop' else action
-            if not operator.wait_for(lambda: service in operator.services(f'{name}/'), 1.0):
-                raise NodeError(
-                    f'{name} has no service {action}. Ask for status, stop, set, or one of '
-                    f'{", ".join(operator.services(f"{name}/"))}.'
-                )
-            with terminal.waiting(action) as describe:
+        service = 'record' if action == 'stop' else action
+        if not operator.wait_for(lambda: service in operator.services(f'{name}/'), 1.0):
+            raise NodeError(
+                f'{name} has no service {action}. Ask for status, stop, or one of '
+                f'{", ".join(operator.services(f"{name}/"))}.'
+            )
+        with terminal.waiting(action) as describe:
 
-                def show() -> None:
-                    # What takes long has a status of its own, as payload for identify_payload.
-                    said = [s.message for n, s in watch.statuses.items() if n in action]
-                    describe(': '.join([action, *said]))
+            def show() -> None:
+                # What takes long has a status of its own, as payload for identify_payload.
+                said = [s.message for n, s in watch.statuses.items() if n in action]
+                describe(': '.join([action, *said]))
 
-                operator.node.create_timer(0.5, show)
-                answer = node_client.ask(operator, name, action, watch)
+            operator.node.create_timer(0.5, show)
+            answer = node_client.ask(operator, name, action, watch)
     if arguments.json:
         terminal.print_json({'node': name, 'action': action, 'answer': answer})
     else:

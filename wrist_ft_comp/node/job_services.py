@@ -161,8 +161,8 @@ class Jobs(Part):
             external.collect(None)
         found = ForceFrame(np.array(outcome['rotation']))
         use = (
-            f'{outcome["message"]} Specific force is {found}. Use it: wrist_ft_comp node set '
-            f'payload.active={outcome["name"]} --name {self.hub.get_fully_qualified_name()}'
+            f'{outcome["message"]} Specific force is {found}. Use it: ros2 param set '
+            f'{self.hub.get_fully_qualified_name()} payload.active {outcome["name"]}'
         )
         return '\n'.join([use, *outcome['driver_lines']])
 
