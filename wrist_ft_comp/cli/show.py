@@ -15,7 +15,6 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, StateFileError
 from wrist_ft_comp.fit.data_checks import check_recordings, silent_stretches
 from wrist_ft_comp.learning import diary as diaries
-from wrist_ft_comp.payload.payload_for_drivers import driver_calls, driver_lines
 from wrist_ft_comp.payload.weight import Payload, payload_line
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.recordings.bag_topics import Candidate, RAW_WRENCH, TEMPERATURE
@@ -83,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
         document = {'payloads': payloads_json(payloads)}
         lines = [f'{path}: payloads, by the names that payload.active takes']
         for name, payload in payloads.items():
-            lines += ['', payload_line(name, payload), *driver_lines(payload)]
+            lines.append(payload_line(name, payload))
     else:
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
@@ -299,7 +298,4 @@ def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> 
 
 def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:
     """Put payloads into plain values; what is not known is null."""
-    return [
-        {'name': name, **payload_figures(payload), 'driver_calls': driver_calls(payload)}
-        for name, payload in payloads.items()
-    ]
+    return [{'name': name, **payload_figures(payload)} for name, payload in payloads.items()]

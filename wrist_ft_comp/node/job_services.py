@@ -160,11 +160,10 @@ class Jobs(Part):
         finally:
             external.collect(None)
         found = ForceFrame(np.array(outcome['rotation']))
-        use = (
+        return (
             f'{outcome["message"]} Specific force is {found}. Use it: ros2 param set '
             f'{self.hub.get_fully_qualified_name()} payload.active {outcome["name"]}'
         )
-        return '\n'.join([use, *outcome['driver_lines']])
 
     def statuses(self) -> Iterator[Status]:
         """Report recording, running calibration, and last outcome."""
