@@ -23,13 +23,6 @@ HELP = 'learn the drift from recordings'
 DESCRIPTION = """\
 Learn the drift of every recorded axis and write a model file.
 An existing model file is replaced; any other existing file is not."""
-EXAMPLES = """\
-examples:
-  wrist_ft_comp calibrate warm_up.mcap -o model.yaml
-  wrist_ft_comp calibrate monday/ tuesday/ -o model.yaml --report report.html
-  wrist_ft_comp calibrate day/ --imu-topic imu --reference payload -o tool.yaml
-  wrist_ft_comp calibrate loaded.csv --reference recorded -o model.yaml --json
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -33,12 +33,6 @@ In bags they come beside the raw ones, on a topic of their own. Of a table they
 replace them, in a CSV file with this package's columns and units, which is
 marked as compensated and not compensated again. An existing file or folder is
 never overwritten. Without a tare every axis keeps a constant offset."""
-EXAMPLES = """\
-examples:
-  wrist_ft_comp compensate model.yaml run.csv -o compensated.csv
-  wrist_ft_comp compensate model.yaml bag/ -o bag_compensated/ --tare 60
-  wrist_ft_comp compensate tool.yaml day.csv -o free.csv --reference payload
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -46,12 +46,6 @@ calibrate, record another day, and judge the model on it: a report says what is
 left of the drift. With --at-work the robot never stands empty.
 Exit code 0 when drift of force_z fell at least 10 times; at work, 5 times, and
 the tool's mass was found within 5 %."""
-EXAMPLES = """\
-examples:
-  wrist_ft_comp demo
-  wrist_ft_comp demo --at-work
-  wrist_ft_comp demo --output /tmp/demo
-"""
 _PLOT = (
     f'A simulated sensor drifts on two days of three hours, {_SPEED:g} times as fast as a real '
     'one. The node records day 1, learns the drift, and removes it on day 2. It takes two minutes.'

@@ -29,12 +29,6 @@ from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
 
 HELP = 'judge a model on recordings'
 DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tared first.'
-EXAMPLES = """\
-examples:
-  wrist_ft_comp evaluate model.yaml wednesday.mcap
-  wrist_ft_comp evaluate model.yaml workday.csv --reference payload
-  wrist_ft_comp evaluate model.yaml loaded.csv --reference recorded --json
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

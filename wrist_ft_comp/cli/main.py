@@ -14,14 +14,6 @@ from wrist_ft_comp.cli.options import Parser
 from wrist_ft_comp.cli.terminal import print_json
 from wrist_ft_comp.errors import INTERRUPTED, UsageError, WristFtCompError
 
-EXAMPLES = """\
-examples:
-  wrist_ft_comp calibrate warm_up.mcap -o model.yaml
-  wrist_ft_comp evaluate model.yaml another_day.mcap
-  wrist_ft_comp compensate model.yaml another_day.mcap -o compensated/
-
-Run "wrist_ft_comp COMMAND --help" for the options of a command.
-"""
 _EXIT_CODES = """\
 exit code: 0 done, 1 refused or failed, in one sentence on standard error,
 2 wrong usage, 130 interrupted.
@@ -33,14 +25,15 @@ def build_parser() -> Parser:
     parser = Parser(
         prog='wrist_ft_comp',
         description='Remove the temperature drift of a wrist force/torque sensor.',
-        epilog=f'{EXAMPLES}\n{_EXIT_CODES}', formatter_class=Form)  # fmt: skip
+        epilog=f'Run "wrist_ft_comp COMMAND --help" for its options.\n\n{_EXIT_CODES}',
+        formatter_class=Form)  # fmt: skip
     parser.add_argument('--version', action='version', version=wrist_ft_comp.__version__)
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     for command in (calibrate, evaluate, compensate, show, node, demo):
         subparser = commands.add_parser(
             command.__name__.rpartition('.')[2], help=command.HELP,
             description=command.DESCRIPTION,
-            epilog=f'{command.EXAMPLES}\n{_EXIT_CODES}', formatter_class=Form)  # fmt: skip
+            epilog=_EXIT_CODES, formatter_class=Form)  # fmt: skip
         subparser.set_defaults(run=command.run)
         command.add_arguments(subparser)
     return parser

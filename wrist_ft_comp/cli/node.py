@@ -27,13 +27,6 @@ tare and temperatures: again and again in a terminal, until Ctrl-C; else once.
 Its exit code is 1 when the wrench is not compensated or anything else is not ok.
 All services are actions; those of this node are listed where another one is
 asked for."""
-EXAMPLES = """\
-examples:
-  wrist_ft_comp node record
-  wrist_ft_comp node stop
-  wrist_ft_comp node tare --name left
-  wrist_ft_comp node status
-"""
 _LEVELS = {b'\0': 'ok', b'\1': 'WARNING', b'\2': 'ERROR', b'\3': 'STALE'}
 
 

@@ -35,12 +35,6 @@ DESCRIPTION = """\
 Say what a model file or a recording holds. Of a bag, which topics could be
 wrench, temperature (also inside other messages), IMU and TF, how good they
 are, and the commands that learn from them, judge the model and run it."""
-EXAMPLES = """\
-examples:
-  wrist_ft_comp show model.yaml
-  wrist_ft_comp show warm_up.mcap --json
-  wrist_ft_comp show ~/.ros/wrist_ft_comp/wrist_ft_comp --picture days.png
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
