@@ -214,24 +214,3 @@ def test_ctrl_c_while_saving_leaves_what_was_there(kind, drift_csv, bags, model,
         _, err = child.communicate(timeout=60)
     assert (child.returncode, err.splitlines()[-1]) == (130, INTERRUPTED)
     assert contents(tmp_path) == before
-
-
-def test_ctrl_c_while_the_program_loads_is_one_sentence():
-    """Also where the code that is being loaded would swallow it."""
-    code = """
-import os, signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)
-class Loader:
-    def find_spec(self, name, *_):
-        if name == 'numpy':
-            try:
-                os.kill(os.getpid(), signal.SIGINT)
-            except KeyboardInterrupt:
-                raise ImportError(name)
-sys.meta_path.insert(0, Loader())
-from wrist_ft_comp.__main__ import main
-sys.exit(main())
-"""
-    words = [sys.executable, '-c', code]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stderr, done.stdout) == (130, f'{INTERRUPTED}\n', '')

@@ -12,7 +12,7 @@ import wrist_ft_comp
 from wrist_ft_comp.cli import calibrate, compensate, demo, evaluate, node, show
 from wrist_ft_comp.cli.options import Parser
 from wrist_ft_comp.cli.terminal import print_json
-from wrist_ft_comp.errors import INTERRUPTED, UsageError, WristFtCompError
+from wrist_ft_comp.errors import UsageError, WristFtCompError
 
 _EXIT_CODES = """\
 exit code: 0 done, 1 refused or failed, in one sentence on standard error,
@@ -60,7 +60,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except WristFtCompError as error:
         kind, sentence, code = error.kind(), str(error), 2 if isinstance(error, UsageError) else 1
     except KeyboardInterrupt:
-        kind, sentence, code = 'interrupted', INTERRUPTED, 128 + signal.SIGINT
+        kind, sentence = 'interrupted', 'interrupted; nothing was left half-written.'
+        code = 128 + signal.SIGINT
     except BrokenPipeError:  # the reader of our output has gone, such as "head"
         _abandon_output()
         return 0
