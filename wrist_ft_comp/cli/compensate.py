@@ -2,7 +2,6 @@
 
 import argparse
 from contextlib import ExitStack
-from dataclasses import replace
 import gc
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from wrist_ft_comp.payload.separation import external_correction, learn_at_work
 from wrist_ft_comp.recording import Correction
 from wrist_ft_comp.recordings.compensated_copy import check_copy, EXTERNAL_TOPIC, rewrite_recording
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.report.days import PICTURE
 from wrist_ft_comp.report.evaluation import range_warnings
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
@@ -49,9 +47,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='add what the environment does to the tool: the payload that was mounted is found in '
         'the recording by its specific force, and its weight is taken off, too (columns '
         f'external_force_x …, or the topic {EXTERNAL_TOPIC})')  # fmt: skip
-    parser.add_argument(
-        '--picture', type=Path, metavar='PICTURE.png', help='draw the compensated recording, too'
-    )
     options.add_json(parser)
     group = options.add_topics(parser)
     group.add_argument(
@@ -65,8 +60,6 @@ def run(arguments: argparse.Namespace) -> int:
     options.check_recordings([arguments.recording], topics)
     added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
     check_copy(arguments.recording, arguments.output, added, [arguments.model])
-    if arguments.picture:
-        PICTURE.check_target(arguments.picture, [arguments.model, arguments.recording])
     stored = load_model(arguments.model)
     model = stored.model
     period_s = model.period_ns / NANOSECONDS
@@ -93,13 +86,6 @@ def run(arguments: argparse.Namespace) -> int:
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
             output_topic=arguments.output_topic, external=external,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
-    if arguments.picture:
-        from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
-
-        middles_ns = track.stamps_ns[:-1] - recording.period_ns // 2
-        clean = correct_many(track, middles_ns, recording.wrench, tare)
-        shown = replace(recording, name=arguments.output.name, wrench=clean)
-        PICTURE.write(arguments.picture, pictures.png(pictures.recording_figure(shown)))
     warnings = (
         *([] if arguments.tare else [_UNTARED]),
         *sensor_warnings,

@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
             'refusal': refusal,
         }
         lines = [*_recording_lines(described, path, refusal)]
-        if arguments.picture and recording and not refusal:
+        if arguments.picture and recording:
             figure = pictures.recording_figure(recording)
     if arguments.picture:
         if figure is None:
