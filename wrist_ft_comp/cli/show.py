@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from rich.table import Table
 
 from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
@@ -28,8 +27,8 @@ from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, payload_figures, PAYLOADS
 
-#: Most days in the table; JSON has all.
-MOST_DAYS = 40
+#: Most of what happened that is listed; JSON has all.
+MOST_EVENTS = 40
 HELP = 'say what a model, a recording, payloads.json or a diary holds'
 DESCRIPTION = """\
 Say what a model file or a recording holds. Of a bag, which topics could be
@@ -58,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
     figure, code = None, 0
     refusal = f'{path} is no recording, and no folder of a node that learns.'
-    lines: list[str | Table]
+    lines: Sequence[str | Table]
     if REPORT.is_own(path):
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
         lines = [f'{path}: a report of wrist_ft_comp; open it in a browser']
@@ -74,9 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
     elif path.name == PAYLOADS and path.exists():
         payloads = {name: payload for name, (payload, _) in load_payloads(path).items()}
         document = {'payloads': payloads_json(payloads)}
-        lines = [f'{path}: payloads, by the names that payload.active takes']
-        for name, payload in payloads.items():
-            lines.append(payload_line(name, payload))
+        head = f'{path}: payloads, by the names that payload.active takes'
+        lines = [head, *(payload_line(name, payload) for name, payload in payloads.items())]
     else:
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
@@ -107,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
     return code
 
 
-def _node_days(folder: Path) -> tuple[dict[str, object], list[str | Table]]:
+def _node_days(folder: Path) -> tuple[dict[str, object], list[str]]:
     """Describe the days of a node, as plain values and in words."""
     diary, memory = diaries.survey(folder), diaries.Memory()
     warnings = [diary.problem] if diary.problem else []
@@ -260,34 +258,19 @@ def _use(summary: recording_summary.RecordingSummary, path: Path, refusal: str) 
             yield from recipe(topics.columns, topics.time)
 
 
-def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str | Table]:
-    """Sum days up, put them into a table, and list what happened, and temperatures they saw."""
-    days, happened = diary.days[-MOST_DAYS:], figures.events(diary)
-    rows = []
-    for day in days:
-        drift = figures.drift_left(day)
-        drifts = (*drift, 100 * drift.share)
-        rows.append([
-            day.name.removesuffix('.csv'), figures.date_of(day),
-            f'{day.hours:.1f}' if day.first_ns else '-',
-            ' to '.join(f'{value:.1f}' for value in (*day.temperature_c, ())[0]) or '-',
-            *('-' if np.isnan(value) else rounded(value) for value in drifts),
-        ])  # fmt: skip
-    header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'left, N', 'left, %']
+def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str]:
+    """Sum days up, and list what happened and the last verdicts."""
+    happened = figures.events(diary)
     lines = [
         'What happened:' if happened else '',
-        *(figures.event_line(event, diary.days) for event in happened[-MOST_DAYS:]),
-        *(f'{day.name}: {day.verdict}' for day in days[-3:] if day.verdict),
+        *(figures.event_line(event, diary.days) for event in happened[-MOST_EVENTS:]),
+        *(f'{day.name}: {day.verdict}' for day in diary.days[-3:] if day.verdict),
         f'last change: {diaries.last_change(diary.history) or "none yet"}',
         f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
         f'paused: {diary.paused}' if diary.paused else '',
     ]
-    newest = f', of which the newest {MOST_DAYS}' if len(diary.days) > MOST_DAYS else ''
-    head = [
-        f'{directory}: days of a node that learns, {len(diary.days)}{newest}',
-        filled(figures.summary(diary)),
-    ]
-    return [*head, table(header, rows), '', *map(filled, filter(None, lines))]
+    head = f'{directory}: days of a node that learns, {len(diary.days)}'
+    return [head, *map(filled, filter(None, [figures.summary(diary), *lines]))]
 
 
 def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:
