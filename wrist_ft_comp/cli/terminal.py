@@ -76,10 +76,7 @@ def content_words(
     content: ReportContent, *, verbose: bool = False, advice: int = MOST_ADVICE
 ) -> list[str | Table]:
     """Say whether it is good, and what to do next: the first things, or all and why."""
-    sparks = [axis.series.sparkline() for axis in content.axes]
-    rows = [[*row, spark] for row, spark in zip(content.rows, sparks, strict=True)]
-    words: list[str | Table] = [table([*content.titles, 'left over time'], rows)]
-    words.append(filled(f'{content.footer} over time: ▁ nothing is left, █ as much as before.'))
+    words: list[str | Table] = [table(content.titles, content.rows), filled(content.footer)]
     words += map(filled, content.payloads.lines() if content.payloads else ())
     if verbose:
         words += ['', *(filled(a.verdict.sentence, f'{a.axis}: ') for a in content.axes)]
