@@ -3,13 +3,12 @@
 import argparse
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from importlib.util import find_spec
 import math
 from pathlib import Path
 import re
 import shlex
-from typing import Any, get_args, NoReturn
+from typing import get_args, NoReturn
 
 from wrist_ft_comp.errors import range_words, RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.recording import Reference, Topics
@@ -28,24 +27,9 @@ RECORDING_HELP = (
 class Parser(argparse.ArgumentParser):
     """Refuses by a UsageError of one line, where argparse would print many and end the process."""
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Refuse an option of a command that is not known before one that is missing."""
-        for name in re.findall(r'(?m)^--[\w-]+', '\n'.join(args)):
-            known = [o for o in self._option_string_actions if o.startswith(name)]
-            if not known and self._subparsers is None:
-                self.error(f'unrecognized arguments: {name}')
-        return super().parse_known_args(args, namespace)
-
     def error(self, message: str) -> NoReturn:
-        """Leave the sentence to whoever parses; a mistyped word gets its nearest neighbour."""
-        head, _, choices = message.rstrip('.').partition(' (choose from ')
-        wrong = re.search(r"(?:invalid choice: '|unrecognized arguments: )([^\s']+)", head)
-        known = re.findall(r'[\w-]+', choices) or self._option_string_actions
-        near = get_close_matches(wrong[1], known, n=1) if wrong else []
-        sentence = f'{head}; did you mean {near[0]}?' if near else f'{message.rstrip(".")}.'
-        sentence = sentence.replace('unrecognized arguments:', 'There is no option')
-        sentence = re.sub(r'argument (\S+): invalid choice:', r'\1 cannot be', sentence)
-        raise UsageError(f'{sentence} See {self.prog} --help.')
+        """Leave the sentence to whoever parses."""
+        raise UsageError(f'{message.rstrip(".")}. See {self.prog} --help.')
 
 
 def number(low: float, high: float = math.inf, *, above: bool = False) -> Callable[[str], float]:
