@@ -169,14 +169,13 @@ def _recording_lines(
     if not summary.is_open:  # of one that is, nothing was read
         yield table(header, rows)
     yield from _candidate_lines(summary.candidates)
-    if (force := summary.specific_force) is not None:
-        # How far gravity moved in the sensor's frame, by which a payload is identified.
+    if (directions := summary.gravity_directions) is not None:
         source = f' of {summary.topics.imu}' if summary.topics.imu else ''
         if summary.topics.gravity_frame:
             source = f' by TF, if z of {summary.topics.gravity_frame} is up'
         yield filled(
-            f'specific force{source}: norm {force.norm:.4g} m/s². Gravity moved along '
-            f'{force.seen} of 3 directions; a payload needs 2: tilt the tool about two axes.'
+            f'specific force{source}: gravity moved along {directions} of 3 directions; a payload '
+            'needs 2: tilt the tool about two axes.'
         )
     yield from _use(summary, path, refusal)
     yield from (f'warning: {warning}' for warning in summary.warnings)
