@@ -43,13 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command, with the process's arguments by default; returns the exit code."""
     words = sys.argv[1:] if argv is None else argv
     try:
-        # Write any character, such as "°", in a narrow locale, too, and to closed streams nothing.
-        for name in ('stdout', 'stderr'):
-            stream = getattr(sys, name)
-            if stream is None:  # closed by whoever started us
-                setattr(sys, name, open(os.devnull, 'w'))  # noqa: PTH123, SIM115 -- for good
-            elif isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(errors='backslashreplace')
+        if isinstance(sys.stdout, io.TextIOWrapper):  # any character in a narrow locale, too
+            sys.stdout.reconfigure(errors='backslashreplace')
         try:
             arguments = build_parser().parse_args(words)
         except SystemExit:  # --help and --version have printed
