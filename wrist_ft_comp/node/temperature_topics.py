@@ -67,7 +67,9 @@ class TemperatureTopic:
             if types and not self._type:
                 self._subscribe(TEMPERATURE if TEMPERATURE in types else types[0])
             if types:
-                wrong = ros_topics.wrong_type(hub, topic, self._type, propose=self._is_plain)
+                wrong = ros_topics.wrong_type(hub, topic, self._type)
+                if wrong and self._is_plain:
+                    wrong = f'{wrong}; write {topic}:FIELD to take a number in it'
                 self.trouble = wrong or ros_topics.other_version(hub, topic)
         except WristFtCompError as error:
             self.trouble = str(error).rstrip('.')
