@@ -35,14 +35,6 @@ def test_a_table_that_fits_with_less_space_has_no_second_line():
     assert len(drawn(['x'] * 8, [row]).splitlines()) == 2
 
 
-def test_numbers_are_aligned_at_the_point():
-    rows = [['force_z', '12.5'], ['torque_x', '0.125'], ['torque_y', '–'], ['torque_z', '3']]
-    lines = drawn(['axis', 'N'], rows).splitlines()[1:]
-    assert [line.rstrip() for line in lines] == [
-        'force_z   12.5', 'torque_x   0.125', 'torque_y   –', 'torque_z   3',
-    ]  # fmt: skip
-
-
 @pytest.mark.parametrize(('variable', 'coloured'), [('FORCE_COLOR', True), ('NO_COLOR', False)])
 def test_colours_are_those_that_the_environment_asks_for(variable, coloured, monkeypatch, capsys):
     for name in ('FORCE_COLOR', 'NO_COLOR'):
