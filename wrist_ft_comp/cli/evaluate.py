@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         content, document = evaluate_recordings(
             arguments.model, arguments.recordings, topics,
             arguments.reference, arguments.tare, progress)  # fmt: skip
-    words = content_words(content, verbose=arguments.verbose)
+    words = content_words(content)
     if arguments.report:  # before what a closed pipe may end
         REPORT.write(arguments.report, page(content))
         words += ['', f'report: {arguments.report}']

@@ -162,11 +162,8 @@ def add_reference(parser: argparse.ArgumentParser, default: str = 'unloaded') ->
 
 
 def add_output_forms(parser: argparse.ArgumentParser) -> None:
-    """Add the report, all reasons, and JSON."""
+    """Add the report, and JSON."""
     parser.add_argument('--report', type=Path, metavar='REPORT.html', help='write a report, too')
-    parser.add_argument(
-        '--verbose', action='store_true', help='say of each axis why, and all that could be done'
-    )
     add_json(parser)
 
 

@@ -71,17 +71,11 @@ def print_json(value: object) -> None:
     print(json.dumps(to_plain(value), indent=1, allow_nan=False, default=str))
 
 
-def content_words(
-    content: ReportContent, *, verbose: bool = False, advice: int = MOST_ADVICE
-) -> list[str | Table]:
-    """Say whether it is good, and what to do next: the first things, or all and why."""
+def content_words(content: ReportContent, advice: int = MOST_ADVICE) -> list[str | Table]:
+    """Say whether it is good, and the first things to do next."""
     words: list[str | Table] = [table(content.titles, content.rows), filled(content.footer)]
     words += map(filled, content.payloads.lines() if content.payloads else ())
-    if verbose:
-        words += ['', *(filled(a.verdict.sentence, f'{a.axis}: ') for a in content.axes)]
-        words += ['', filled(content.explanation)]
-    steps = content.advice if verbose else content.advice[:advice]
-    if steps:
+    if steps := content.advice[:advice]:
         words += ['', 'What to do next:']
         words += [filled(sentence, f'{n}. ') for n, sentence in enumerate(steps, start=1)]
     return words
