@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, PLAUSIBLE_C, SensorNames
+from wrist_ft_comp.channels import AXES, PLAUSIBLE_C, SensorNames
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.series import BoolArray, CLOCK_NS, FloatArray, IntArray, NANOSECONDS
 
@@ -127,18 +127,6 @@ class Recording:
             raise RecordingError(
                 f'{self.name} holds no temperature. Expected temperature_c in at least one cell.'
             )
-        cells = len(self.temperature_c)
-        for what, array, shape in (
-            ('measured', self.measured, self.temperature_c.shape),
-            ('wrench', self.wrench, (cells, len(AXES))),
-            ('reference', self.reference, (cells, len(AXES))),
-            ('specific_force', self.specific_force, (cells, len(FORCE_CHANNELS))),
-            ('rotation_speed', self.rotation_speed, (cells,)),
-        ):
-            if array is not None and array.shape != shape:
-                raise RecordingError(
-                    f'{what} of {self.name} must have shape {shape}; got {array.shape}.'
-                )
         low, high = PLAUSIBLE_C
         if not ((self.temperature_c > low) & (self.temperature_c < high)).all():
             raise RecordingError(
