@@ -1,6 +1,6 @@
 """What a recording is: samples as they were read, and their means on the thermal grid."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -185,12 +185,3 @@ def time_in(recording: Recording, cell: int) -> str:
 def clock_time(stamp_ns: int) -> str:
     """Write a stamp as date and time of day."""
     return f'{np.datetime64(stamp_ns // NANOSECONDS, "s")} UTC'.replace('T', ' ', 1)
-
-
-def require_recordings(given: object) -> None:
-    """Refuse what is no list of recordings, such as a single one, with a SettingsError."""
-    if not isinstance(given, Sequence) or not all(isinstance(item, Recording) for item in given):
-        raise SettingsError(
-            f'Expected a list of recordings; got {type(given).__name__}. Read a file with '
-            'read_recording, and put what it gives into a list: [day].'
-        )
