@@ -8,6 +8,7 @@ from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.show import payloads_json
 from wrist_ft_comp.cli.terminal import content_words, print_result, progress_bar
 from wrist_ft_comp.drift.features import FeatureKind
+from wrist_ft_comp.errors import check_range
 from wrist_ft_comp.fit import settings
 from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob
@@ -36,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='powers of temperature, or hat functions at the plateaus of a chamber test (default: '
         '%(default)s)', default='powers')  # fmt: skip
     parser.add_argument(
-        '--thermal-period', type=options.number(*PERIODS_S), metavar='SECONDS',
+        '--thermal-period', type=float, metavar='SECONDS',
         help='length of a thermal cell (default: 1, or as long as samples are apart)')  # fmt: skip
     options.add_topics(parser)
     options.add_part(parser)
@@ -47,6 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     topics = options.topics_from(arguments)
     options.check_recordings(arguments.recordings, topics)
+    if arguments.thermal_period is not None:
+        check_range('--thermal-period', arguments.thermal_period, *PERIODS_S)
     # Nothing that a person made may be overwritten, and it is said before the work.
     others = list(arguments.recordings)
     if arguments.reference == 'payload':

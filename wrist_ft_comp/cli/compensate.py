@@ -9,6 +9,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.terminal import print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor
+from wrist_ft_comp.errors import check_range
 from wrist_ft_comp.payload.separation import external_correction, learn_at_work
 from wrist_ft_comp.recording import Correction
 from wrist_ft_comp.recordings.compensated_copy import check_copy, EXTERNAL_TOPIC, rewrite_recording
@@ -39,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('recording', type=Path, metavar='REC', help=options.RECORDING_HELP)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='OUT')
     parser.add_argument(
-        '--tare', type=options.number(0.0), default=0.0, metavar='SECONDS',
+        '--tare', type=float, default=0.0, metavar='SECONDS',
         help='tare on the first SECONDS, which must be unloaded (default: 0, no '
         'tare)')  # fmt: skip
     parser.add_argument(
@@ -58,6 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     topics = options.topics_from(arguments)
     options.check_recordings([arguments.recording], topics)
+    check_range('--tare', arguments.tare, 0.0)
     added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
     check_copy(arguments.recording, arguments.output, added, [arguments.model])
     stored = load_model(arguments.model)

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, 'what the model was learnt with, if the recording holds it, or unloaded'
     )
     parser.add_argument(
-        '--tare', type=options.number(0.0, above=True), default=60.0, metavar='SECONDS',
+        '--tare', type=float, default=60.0, metavar='SECONDS',
         help='tare on the first SECONDS, above 0; at least on the first thermal cell (default: '
         '60)')  # fmt: skip
     options.add_topics(parser)

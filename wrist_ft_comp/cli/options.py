@@ -1,16 +1,14 @@
 """What the commands share: options, checks of paths, JSON for scripts."""
 
 import argparse
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from importlib.util import find_spec
-import math
 from pathlib import Path
 import re
 import shlex
 from typing import get_args, NoReturn
 
-from wrist_ft_comp.errors import range_words, RecordingError, UsageError, WristFtCompError
+from wrist_ft_comp.errors import RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.read import files_of
 from wrist_ft_comp.recordings.read_options import parse_options
@@ -30,20 +28,6 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Leave the sentence to whoever parses."""
         raise UsageError(f'{message.rstrip(".")}. See {self.prog} --help.')
-
-
-def number(low: float, high: float = math.inf, *, above: bool = False) -> Callable[[str], float]:
-    """Make a parser, for ``add_argument``, of numbers from (or above) low to high."""
-
-    def parse(text: str) -> float:
-        with suppress(ValueError):
-            value = float(text)
-            if low <= value <= high and value < math.inf and not (above and value == low):
-                return value
-        words = range_words(low, high, above=above)
-        raise argparse.ArgumentTypeError(f'expected a number {words}, got {text!r}')
-
-    return parse
 
 
 def topic(text: str) -> str:
