@@ -135,13 +135,12 @@ def status_page(name: str, watch: 'Watch') -> Iterator[str | Table]:
     if thermometers:
         yield ''
         yield terminal.table(
-            ['thermometer', 'now, °C', 'age, s', 'learnt at', 'recorded now'],
+            ['thermometer', 'now, °C', 'age, s', 'learnt at'],
             [
                 [one.removeprefix('thermometer_'),
                  ' → '.join(heard[k] for k in (f'{one}_c', f'{one}_believed_c') if k in heard)
                  or '–',
-                 heard[f'{one}_age_s'], model.get(f'{one}_calibrated_c', '–'),
-                 calibration.get(f'recording_{one}_c', '–')]
+                 heard[f'{one}_age_s'], model.get(f'{one}_calibrated_c', '–')]
                 for one in thermometers
             ])  # fmt: skip
     if seconds := calibration.get('recording_s'):
