@@ -10,7 +10,7 @@ from typing import Any
 from wrist_ft_comp.channels import is_plausible, temperature_channel, why_unusable
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.raw_wrench import age, arrival, Counts
+from wrist_ft_comp.node.raw_wrench import age, Counts
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.warm_restart import StateKeeper
 from wrist_ft_comp.ros import topics as ros_topics
@@ -250,8 +250,7 @@ class TemperatureInput(Part):
         yield from gap_doubts(self._tracker)
         yield from self._silence()
         if 0 < grown['rejected'] >= grown['usable'] / 2:
-            clock = '' if self._stamp_ns else f': {arrival(0)}'
-            yield f'temperatures are dropped, because their stamps do not increase{clock}'
+            yield 'temperatures are dropped, because their stamps do not increase'
         for topic, ahead_s in self._comparison.ahead_s.items():
             side = 'ahead of' if ahead_s > 0 else 'behind'
             yield (
@@ -284,8 +283,10 @@ class TemperatureInput(Part):
             if (publishers := self.hub.count_publishers(thermometer.topic)) > 1:
                 yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
         if unstamped := [j for j, t in enumerate(self.thermometers) if t.stamped is False]:
-            time_taken = arrival(self._stamp_ns)
-            yield f'thermometer {_numbers(unstamped)} does not stamp its readings; {time_taken}'
+            yield (
+                f'thermometer {_numbers(unstamped)} does not stamp its readings; the time of '
+                'arrival is taken'
+            )
 
     def _silence(self) -> Iterator[str]:
         """Say which thermometers can't be read or are silent, and why, where that is known."""
