@@ -10,9 +10,7 @@ from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.terminal import print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor
 from wrist_ft_comp.errors import check_range
-from wrist_ft_comp.payload.separation import external_correction, learn_at_work
-from wrist_ft_comp.recording import Correction
-from wrist_ft_comp.recordings.compensated_copy import check_copy, EXTERNAL_TOPIC, rewrite_recording
+from wrist_ft_comp.recordings.compensated_copy import check_copy, rewrite_recording
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.report.evaluation import range_warnings
 from wrist_ft_comp.series import NANOSECONDS
@@ -43,11 +41,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--tare', type=float, default=0.0, metavar='SECONDS',
         help='tare on the first SECONDS, which must be unloaded (default: 0, no '
         'tare)')  # fmt: skip
-    parser.add_argument(
-        '--reference', choices=('payload',),
-        help='add what the environment does to the tool: the payload that was mounted is found in '
-        'the recording by its specific force, and its weight is taken off, too (columns '
-        f'external_force_x …, or the topic {EXTERNAL_TOPIC})')  # fmt: skip
     options.add_json(parser)
     group = options.add_topics(parser)
     group.add_argument(
@@ -60,8 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     topics = options.topics_from(arguments)
     options.check_recordings([arguments.recording], topics)
     check_range('--tare', arguments.tare, 0.0)
-    added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
-    check_copy(arguments.recording, arguments.output, added, [arguments.model])
+    check_copy(arguments.recording, arguments.output, arguments.output_topic, [arguments.model])
     stored = load_model(arguments.model)
     model = stored.model
     period_s = model.period_ns / NANOSECONDS
@@ -74,19 +66,10 @@ def run(arguments: argparse.Namespace) -> int:
         sensor_warnings = check_sensor(stored, recording.sensor, f'in {recording.name}')
         track = track_drift(model, recording)
         tare = initial_tare(model, recording, arguments.tare)
-        external: Correction | None = None
-        external_warnings: tuple[str, ...] = ()
-        if arguments.reference == 'payload':
-            work = learn_at_work([recording])
-            # Weight moves faster than drift; the cells of a long recording are longer.
-            fine_s = max(0.02, recording.duration_s / 2_000_000)
-            fine = read_recording(arguments.recording, period_s=fine_s, topics=topics)
-            external = external_correction(work, model, fine)
-            external_warnings = work.warnings
         rewriting_warnings = rewrite_recording(
             arguments.recording, arguments.output,
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
-            output_topic=arguments.output_topic, external=external,
+            output_topic=arguments.output_topic,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
     warnings = (
         *([] if arguments.tare else [_UNTARED]),
@@ -94,7 +77,6 @@ def run(arguments: argparse.Namespace) -> int:
         *recording.warnings,
         *rewriting_warnings,
         *range_warnings(stored, recording),
-        *external_warnings,
     )
     taken_off = dict(zip(AXES, tare.tolist(), strict=True))
     document = {'output': arguments.output, 'tare': taken_off, 'warnings': warnings}
