@@ -37,11 +37,6 @@ class Operator:
         self.executor = EventsExecutor(context=context)
         self.executor.add_node(self.node)
 
-    def close(self) -> None:
-        """End node and executor."""
-        self.executor.shutdown()
-        self.node.destroy_node()
-
     def wait_for(self, done: Callable[[], Any], timeout_s: float) -> bool:
         """Run callbacks until a condition holds; tell whether it does in time."""
         deadline_s = time.monotonic() + timeout_s
@@ -115,7 +110,8 @@ def operating() -> Iterator[Operator]:
     try:
         yield operator
     finally:
-        operator.close()
+        operator.executor.shutdown()
+        operator.node.destroy_node()
         context.try_shutdown()
 
 

@@ -74,7 +74,8 @@ def test_one_of_several_nodes_has_to_be_named(bench, monkeypatch):
     with pytest.raises(NodeError, match='--name'):
         asking.find()
     assert asking.find('right') == names[1]
-    asking.close()
+    asking.executor.shutdown()
+    asking.node.destroy_node()
 
 
 def test_the_status_is_one_page_of_text_or_json(wired, operate):
