@@ -21,7 +21,7 @@ from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.drift_doubts import frozen_doubts, gap_doubts, seldom_doubts
-from wrist_ft_comp.units import other_unit, unit_remedy
+from wrist_ft_comp.units import other_unit, UNIT_REMEDY
 from wrist_ft_comp.wire import numbers_in_messages as in_messages
 from wrist_ft_comp.wire.cdr import TEMPERATURE
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
@@ -239,10 +239,10 @@ class TemperatureInput(Part):
         """Say what is wrong with temperatures, the worst first; counts grew since a report."""
         if grown['unusable'] and self._last_unusable is not None:
             j, value = self._last_unusable
-            remedy = unit_remedy(value, self.thermometers[j].source.in_unit)
             yield (
                 f'readings of thermometer {j + 1} are dropped; they are '
-                f'{why_unusable(temperature_channel(j), value)}. {remedy} Drift is held meanwhile'
+                f'{why_unusable(temperature_channel(j), value)}. {UNIT_REMEDY} Drift is held '
+                'meanwhile'
             )
         yield from self._tracker.thermometer_doubts
         yield from frozen_doubts(self._tracker)
