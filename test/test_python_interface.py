@@ -2,7 +2,6 @@
 
 import ast
 from dataclasses import fields
-from functools import partial
 from importlib import import_module
 import inspect
 from pathlib import Path
@@ -206,11 +205,3 @@ def test_the_documented_examples_run(day, tmp_path, monkeypatch, capsys):
     assert pressed == pytest.approx([1.0, 0.0, 5.0, 0.0, 0.0, 0.0])
     assert names['thursday'].name == 'thursday'
     assert f'{names["thursday"].duration_s} ()' in printed
-
-
-@pytest.mark.parametrize('given', ['monday.csv', [Path('monday.csv')], None])
-def test_anything_but_a_list_of_recordings_is_refused_with_a_remedy(given):
-    wrong: Any = given
-    for learn in (wrist_ft_comp.calibrate, partial(wrist_ft_comp.evaluate, None)):
-        with pytest.raises(wrist_ft_comp.WristFtCompError, match=r'read_recording.*\[day\]'):
-            learn(wrong)

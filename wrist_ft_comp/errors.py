@@ -3,9 +3,6 @@
 import math
 import re
 
-#: What a command that Ctrl-C ended says.
-INTERRUPTED = 'interrupted; nothing was left half-written.'
-
 
 class WristFtCompError(Exception):
     """

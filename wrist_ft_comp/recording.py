@@ -1,12 +1,12 @@
 """What a recording is: samples as they were read, and their means on the thermal grid."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, PLAUSIBLE_C, SensorNames
+from wrist_ft_comp.channels import AXES, PLAUSIBLE_C, SensorNames
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.series import BoolArray, CLOCK_NS, FloatArray, IntArray, NANOSECONDS
 
@@ -127,18 +127,6 @@ class Recording:
             raise RecordingError(
                 f'{self.name} holds no temperature. Expected temperature_c in at least one cell.'
             )
-        cells = len(self.temperature_c)
-        for what, array, shape in (
-            ('measured', self.measured, self.temperature_c.shape),
-            ('wrench', self.wrench, (cells, len(AXES))),
-            ('reference', self.reference, (cells, len(AXES))),
-            ('specific_force', self.specific_force, (cells, len(FORCE_CHANNELS))),
-            ('rotation_speed', self.rotation_speed, (cells,)),
-        ):
-            if array is not None and array.shape != shape:
-                raise RecordingError(
-                    f'{what} of {self.name} must have shape {shape}; got {array.shape}.'
-                )
         low, high = PLAUSIBLE_C
         if not ((self.temperature_c > low) & (self.temperature_c < high)).all():
             raise RecordingError(
@@ -197,12 +185,3 @@ def time_in(recording: Recording, cell: int) -> str:
 def clock_time(stamp_ns: int) -> str:
     """Write a stamp as date and time of day."""
     return f'{np.datetime64(stamp_ns // NANOSECONDS, "s")} UTC'.replace('T', ' ', 1)
-
-
-def require_recordings(given: object) -> None:
-    """Refuse what is no list of recordings, such as a single one, with a SettingsError."""
-    if not isinstance(given, Sequence) or not all(isinstance(item, Recording) for item in given):
-        raise SettingsError(
-            f'Expected a list of recordings; got {type(given).__name__}. Read a file with '
-            'read_recording, and put what it gives into a list: [day].'
-        )

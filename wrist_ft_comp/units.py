@@ -1,6 +1,6 @@
 """Units in which a table may hold times, forces, torques and temperatures, and their names."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 import re
 from typing import TypeVar
 from unicodedata import normalize
@@ -63,9 +63,8 @@ _Number = TypeVar('_Number', float, FloatArray)
 TEMPERATURE_UNITS = {'C': (1.0, 0.0), 'K': (1.0, -273.15), 'F': (5 / 9, -160 / 9)}
 #: Other units, in which a reading may be that is implausible in °C.
 _OTHER_TEMPERATURES = {'degrees Fahrenheit': 'F', 'kelvins': 'K'}
-#: Usual temperatures of a robot's wrist, °C: a reading is probably in another unit if conversion
-#: from that unit brings it into this range.
-_LIKELY_C = (-40.0, 85.0)
+#: What to do about a temperature that no sensor reads.
+UNIT_REMEDY = 'Check it and its unit: K and F are named behind it, such as :K.'
 
 
 def units_of(channel: str) -> Mapping[str, float]:
@@ -113,15 +112,3 @@ def other_unit(value: float, lower_c: float, upper_c: float) -> str:
     """Guess the unit in which a temperature that is far off would lie as expected, or empty."""
     names = _OTHER_TEMPERATURES.items()
     return next((n for n, unit in names if lower_c <= to_celsius(value, unit) <= upper_c), '')
-
-
-def unit_remedy(value: float, in_unit: Callable[[str], str]) -> str:
-    """
-    Say what to do about a temperature, °C, that is probably in another unit.
-
-    ``in_unit`` writes the name, a column or an entry, that reads the same number in unit K or F.
-    """
-    if not (name := other_unit(value, *_LIKELY_C)):
-        return 'Check it and its unit.'
-    unit = _OTHER_TEMPERATURES[name]
-    return f'In {name} it would be {to_celsius(value, unit):.1f} °C: then name it {in_unit(unit)}.'

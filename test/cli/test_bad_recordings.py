@@ -77,7 +77,7 @@ EVERY_TENTH = range(0, ROWS, 10)
 REFUSED = {
     'kelvin in °C': (
         put('temperature_c', plus(273.15)),
-        r'600 of 600 .* In kelvins it would be 21.0 °C: then name it (\S+_k|\S+temperature:K)\.$',
+        r'600 of 600 .* Check it and its unit: K and F are named behind it, such as :K\.$',
         ALL,
     ),
     'absolute zero in a tenth': (

@@ -6,7 +6,6 @@ import pytest
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.report import pictures
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
 from wrist_ft_comp.stream.tare import initial_tare
@@ -56,6 +55,7 @@ def test_a_compensated_recording_is_not_compensated_again(run, make, model, tmp_
     assert not (tmp_path / 'twice.csv').exists()
     assert 'once.csv was compensated already' in run('evaluate', model, once).err
     assert 'was compensated already' not in run('evaluate', model, path).err
+    assert run('show', once, '--picture', tmp_path / 'once.png').code == 0
 
 
 def test_the_output_topic_has_a_name(model, done, bags, tmp_path):
@@ -101,21 +101,3 @@ def test_json_says_where_it_went_and_what_was_tared(run, drift_csv, model, tmp_p
     assert target.exists()
     assert printed['tare']['force_z'] != 0
     assert printed['warnings'] == []
-
-
-def test_a_picture_shows_what_was_written_and_replaces_pictures_only(  # noqa: PLR0913, PLR0917
-    run, done, drift_csv, model, tmp_path, monkeypatch
-):
-    drawn = []
-    monkeypatch.setattr(pictures, 'png', lambda figure: drawn.append(figure) or b'\x89PNG')
-    picture, words = tmp_path / 'p.png', ['compensate', model, drift_csv]
-    done(*words, '-o', tmp_path / 'a.csv', '--tare', 5, '--picture', picture)
-    assert picture.read_bytes() == b'\x89PNG'
-    (line,) = drawn[0].axes[1].lines
-    written = np.array(table(tmp_path / 'a.csv')['force_z'], dtype=float)
-    assert np.std(line.get_ydata() - written) < 0.3 * np.std(written)
-    assert drawn[0].get_suptitle() == 'a.csv'
-    (tmp_path / 'other.png').write_bytes(b'of somebody else')
-    foreign = '-o', tmp_path / 'b.csv', '--picture', tmp_path / 'other.png'
-    assert 'is no picture of this package' in run(*words, *foreign).sentence
-    assert not (tmp_path / 'b.csv').exists()

@@ -6,22 +6,19 @@ import os
 import subprocess
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from wrist_ft_comp.cli import demo, options
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
-from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 
 
 @pytest.fixture
 def played(monkeypatch, make):
     """Put a node's files where the demonstration looks for them, instead of playing it."""
 
-    def play(arguments, folder):
+    def play(folder):
         store = NodeFolder(folder)
         day, model = store.new_recording_path(), store.new_model_path()
         make.csv(day, make.loaded(900))
@@ -31,9 +28,6 @@ def played(monkeypatch, make):
             assert main([*map(str, words)]) == 0
         make.csv(store.new_recording_path(), make.loaded(900, seed=3))
         store.activate([HistoryEntry(model)])
-        if arguments.at_work:
-            tool = Payload(1.41, np.zeros(3))
-            add_payloads(model.with_name(PAYLOADS), 'day', [tool], ForceFrame())
 
     monkeypatch.setattr(options, 'find_spec', lambda _: object())
     monkeypatch.setattr(demo, 'play', play)
@@ -54,19 +48,11 @@ def test_it_ends_with_the_report_and_what_to_do_next(run, tmp_path):
 
 
 @pytest.mark.usefixtures('played')
-@pytest.mark.parametrize(
-    ('least', 'mass_share', 'reached'),
-    [(5.0, 0.05, True), (5.0, 0.005, False), (1e6, 0.05, False)],
-)
-def test_drift_has_to_fall_and_at_work_the_mass_has_to_be_found(  # noqa: PLR0913, PLR0917
-    least, mass_share, reached, run, tmp_path, monkeypatch
-):  # fmt: skip
-    monkeypatch.setattr(demo, '_RATIO_AT_WORK', least)
-    monkeypatch.setattr(demo, '_MASS_SHARE', mass_share)
-    outcome = run('demo', '--output', tmp_path, '--at-work')
-    assert outcome.code == (0 if reached else 1)
-    assert ('PASS: ' if reached else 'FAIL: ') in outcome.out
-    assert '1.410 kg' in outcome.out
+def test_drift_has_to_fall(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(demo, '_RATIO', 1e6)
+    outcome = run('demo', '--output', tmp_path)
+    assert outcome.code == 1
+    assert 'FAIL: ' in outcome.out
 
 
 def test_without_rclpy_there_is_a_sentence(run, tmp_path, monkeypatch):

@@ -58,10 +58,9 @@ def test_recordings_at_one_temperature_are_not_judged(done, make, model, tmp_pat
     columns['temperature_c'] = [24.0] * 70
     columns['force_z'], columns['torque_x'] = (3 + noise).tolist()
     path, page = make.csv(tmp_path / 'still.csv', columns), tmp_path / 'r.html'
-    text = ' '.join(done('evaluate', model, path, '--report', page, '--verbose').split())
+    done('evaluate', model, path, '--report', page)
     assert '2 not judged' in page.read_text()
     judged = json.loads(done('evaluate', model, path, '--json'))['verdicts']
-    assert f'force_z: {judged["force_z"]["why"]}' in text
     assert {verdict['level'] for verdict in judged.values()} == {'unjudged'}
     moved = make.csv(tmp_path / 'day.csv', make.drifting(seed=3))
     judged = json.loads(done('evaluate', model, path, moved, '--json'))['verdicts']

@@ -24,11 +24,10 @@ INTERRUPTED = 'wrist_ft_comp: interrupted; nothing was left half-written.'
 
 
 @pytest.mark.parametrize('command', [(), *((name,) for name in COMMANDS)])
-def test_help_has_examples_and_fits_the_screen(command, run, monkeypatch):
+def test_help_fits_the_screen(command, run, monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
     outcome = run(*command, '--help')
     assert (outcome.code, outcome.err) == (0, '')
-    assert 'examples:\n  wrist_ft_comp' in outcome.out
     assert 'exit code: 0 done, 1 refused' in outcome.out
     assert max(map(len, outcome.out.splitlines())) <= 80
     assert command or all(f'    {name}' in outcome.out for name in COMMANDS)
@@ -43,15 +42,9 @@ COMPENSATE = ['compensate', 'm', 'a', '-o', 'o', '--output-topic']
     ('argv', 'words'),
     [
         ([], ['required']), (['compensate', 'm.yaml', 'a.csv'], ['--output']),
-        (['calibrat', 'a.csv'], ["COMMAND cannot be 'calibrat'; did you mean calibrate? See"]),
-        ([*CALIBRATE, '--refrence', 'unloaded'], ['--refrence; did you mean --reference? See']),
-        (['calibrate', 'a.csv', '--ouput=m'], ['--ouput; did you mean --output? See']),
-        ([*CALIBRATE, '--qqqq=1'], ['There is no option --qqqq. See']),
+        (['calibrat', 'a.csv'], ["invalid choice: 'calibrat' (choose from", 'calibrate']),
+        ([*CALIBRATE, '--refrence', 'unloaded'], ['unrecognized arguments: --refrence']),
         ([*CALIBRATE, '--reference', 'felt'], ["'felt' (choose from", 'unloaded']),
-        ([*CALIBRATE, '--method', 'atuo'], ["'atuo'; did you mean auto? See"]),
-        ([*CALIBRATE, '--thermal-period', '0'], ['0.1 to 600']),
-        (['evaluate', 'm', 'a', '--tare', '0'], ["--tare: expected a number above 0, got '0'"]),
-        (['evaluate', 'm', 'a', '--tare', '-1'], ["--tare: expected a number above 0, got '-1'"]),
         *(([*COMPENSATE, name], ['--output-topic']) for name in ('a b', '', '1', 'a//b', 'ü')),
     ],
 )  # fmt: skip
@@ -99,6 +92,9 @@ def test_an_error_is_a_line_and_in_json(error, code, kind, sentence, run, drift_
         (['evaluate', '{model}', '{csv}', '--report', '/dev/null', '--json'], 1, 'output'),
         (['calibrate', '{csv}', '-o', 'm', '--thermal-p', '600', '--json'],
          1, 'calibration_refused'),
+        (['calibrate', '{csv}', '-o', 'm', '--thermal-p', '0', '--json'], 1, 'settings'),
+        (['evaluate', '{model}', '{csv}', '--tare', '0', '--json'], 1, 'settings'),
+        (['compensate', '{model}', '{csv}', '-o', 'm', '--tare', 'nan', '--json'], 1, 'settings'),
         (['show', '--json', '--picture'], 2, 'usage'),
     ],
 )  # fmt: skip
@@ -128,21 +124,6 @@ def test_a_full_disk_behind_standard_output_is_one_sentence(process, drift_csv):
     assert child.returncode == 1
     assert err.count('\n') == 1
     assert 'No space left on device' in err
-
-
-@pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&- >&- 2>&-'])
-def test_closed_standard_streams_are_no_error(closed, drift_csv, tmp_path):
-    def start(words, *paths):
-        shell = f'exec "$0" -m wrist_ft_comp {words} {closed}'
-        argv = ['/bin/sh', '-c', shell, sys.executable, *paths]
-        return subprocess.run(argv, capture_output=True, text=True, timeout=60, check=False)
-
-    done = start('calibrate "$1" -o "$2" --method pls', drift_csv, tmp_path / 'm.yaml')
-    assert (done.returncode, done.stderr) == (0, '')
-    assert ('saved as' in done.stdout) is (closed == '2>&-')
-    assert (tmp_path / 'm.yaml').exists()
-    refused = start('show "$1"', tmp_path / 'no')
-    assert (refused.returncode, refused.stderr.count('\n')) == (1, '2>&-' not in closed)
 
 
 def test_a_narrow_locale_gets_escapes(process, drift_csv, tmp_path):
@@ -215,24 +196,3 @@ def test_ctrl_c_while_saving_leaves_what_was_there(kind, drift_csv, bags, model,
         _, err = child.communicate(timeout=60)
     assert (child.returncode, err.splitlines()[-1]) == (130, INTERRUPTED)
     assert contents(tmp_path) == before
-
-
-def test_ctrl_c_while_the_program_loads_is_one_sentence():
-    """Also where the code that is being loaded would swallow it."""
-    code = """
-import os, signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)
-class Loader:
-    def find_spec(self, name, *_):
-        if name == 'numpy':
-            try:
-                os.kill(os.getpid(), signal.SIGINT)
-            except KeyboardInterrupt:
-                raise ImportError(name)
-sys.meta_path.insert(0, Loader())
-from wrist_ft_comp.__main__ import main
-sys.exit(main())
-"""
-    words = [sys.executable, '-c', code]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stderr, done.stdout) == (130, f'{INTERRUPTED}\n', '')

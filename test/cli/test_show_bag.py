@@ -270,9 +270,9 @@ def work(messages, by):
     ('by', 'words', 'parameters', 'said'),
     [
         ('imu', ['--imu-topic', '/ft/imu'], ['gravity.source:=imu', '-r', 'imu:=/ft/imu'],
-         'specific force of /ft/imu: norm 9.6 m/s². Gravity moved along'),
+         'specific force of /ft/imu: gravity moved along'),
         ('tf', ['--gravity-frame', 'world'], ['gravity.source:=tf', '-p', 'gravity.frame:=world'],
-         'specific force by TF, if z of world is up: norm 9.807 m/s².'),
+         'specific force by TF, if z of world is up: gravity moved along'),
     ],
 )  # fmt: skip
 def test_a_robot_at_work_is_learnt_from_by_its_gravity(  # noqa: PLR0913, PLR0917
@@ -288,7 +288,7 @@ def test_a_robot_at_work_is_learnt_from_by_its_gravity(  # noqa: PLR0913, PLR091
         assert command[-2:] == words
     assert node[-len(parameters) :] == parameters
     shown = json.loads(done('show', bag, *words, '--json'))
-    assert shown['specific_force']['spread'][1] > 0.7
+    assert shown['gravity_directions'] >= 2
     used = {channel['name']: channel['role'] for channel in shown['channels']}
     topic = '/ft/imu' if by == 'imu' else '/tf'
     assert [name for name in used if used[name] == 'specific force'] == [topic]

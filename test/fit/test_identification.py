@@ -147,6 +147,7 @@ def test_hats_stand_on_the_plateaus_or_where_they_were_put():
         ({'n': 1, 'm': 0}, '^m must'), ({'n': 1, 'm': 1, 'd': -1}, '^d must'),
         *(({'degree': n}, f'between 1 and 4; got {n}') for n in (0, 5, 2.5, np.nan)),
         *(({'latents': n}, f'^latents must .* at least 1; got {n}') for n in (0, np.nan, np.inf)),
+        ({'latents': 3, 'orders': (Orders(1, 1, 0),) * 2}, 'of 2 latents do not fit 3 latents'),
         ({'hat_temperatures_c': (20.0,)}, r'at least 2 temperatures that ascend; got \[20.0\]'),
         *(({'hat_temperatures_c': (20.0, t)}, 'that ascend; got') for t in (10.0, np.nan, np.inf)),
     ],

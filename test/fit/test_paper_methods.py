@@ -104,6 +104,23 @@ def pose_lags(make_axis_data, warm_up, lagged):
     return make
 
 
+@pytest.mark.parametrize(
+    ('latents', 'given', 'words'),
+    [
+        (None, (Orders(2, 2, 1), LAG), ('n 2, m 2, d 1', 'n 1, m 1, d 0, direct')),
+        (2, (Orders(1, 2, 0),), ('n 1, m 2, d 0', 'n 1, m 2, d 0')),
+    ],
+)
+def test_orders_are_given_once_for_all_latents_or_once_per_latent(
+    pose_lags, latents, given, words
+):  # fmt: skip
+    settings = IdentificationSettings('arx_pls', latents=latents, orders=given)
+    fit = identify_axis(pose_lags({300.0: 0.5}), settings)
+    assert fit.chosen.startswith('arx_pls, 2 latents')
+    for r, (note, orders) in enumerate(zip(fit.notes, words, strict=False), 1):
+        assert note.startswith(f'latent {r}: {orders}; J_{r} = ')
+
+
 @pytest.mark.parametrize('truth', [{300.0: 0.5}, {120.0: 0.5, 1500.0: -0.5}], ids=str)
 def test_time_constants_are_found_within_their_standard_errors(pose_lags, truth):
     fit = identify_axis(pose_lags(truth, days=3), IdentificationSettings('arx_pls_oe'))

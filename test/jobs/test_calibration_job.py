@@ -15,12 +15,12 @@ from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, Orders
 from wrist_ft_comp.jobs.calibration_job import run_job
-from wrist_ft_comp.jobs.job_process import CalibrationJob, encode_job, Learning, Minute
+from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning, Minute
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import HistoryEntry
-from wrist_ft_comp.stored.safe_file import from_plain, parse_json
+from wrist_ft_comp.stored.safe_file import from_plain, parse_json, to_plain
 
 OTHER = CalibrationJob(
     recordings=(Path('/a/b.csv'), Path('ü \udcff"c.csv')),
@@ -54,11 +54,12 @@ def test_a_job_survives_its_journey_as_a_line_of_ascii():
     def decode_job(text):
         return from_plain(CalibrationJob, parse_json(text))
 
-    text = encode_job(OTHER)
+    text = json.dumps(to_plain(OTHER), default=str)
     assert text.isascii()
     assert '\n' not in text
     assert decode_job(text) == OTHER
-    text = encode_job(CalibrationJob((), Path('out'), minute=Minute(((1.0, math.nan),), 0.5)))
+    job = CalibrationJob((), Path('out'), minute=Minute(((1.0, math.nan),), 0.5))
+    text = json.dumps(to_plain(job), default=str)
     assert str(decode_job(text).minute.cells) == '((1.0, nan),)'
     with pytest.raises(ValueError, match='must be a finite number'):
         decode_job(text.replace('1.0', '1e999', 1))
@@ -142,7 +143,7 @@ def test_the_hash_of_a_bag_is_that_of_its_storage_in_order(tmp_path):
 
 def process_of(asked, parent):
     command = [sys.executable, '-m', 'wrist_ft_comp.jobs.job_main', str(parent)]
-    line = encode_job(asked)
+    line = json.dumps(to_plain(asked), default=str)
     return subprocess.run(command, input=line, capture_output=True, text=True, check=False)
 
 

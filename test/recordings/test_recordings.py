@@ -55,21 +55,16 @@ def test_a_path_that_is_no_recording_is_refused(tmp_path, name, content, sentenc
             look(path if path.parent == tmp_path else path.parent)
 
 
-def every_other(_stamps_ns, wrench):
-    """An external wrench that is not known half of the time."""
-    return np.where(np.arange(len(wrench))[:, None] % 2, np.nan, wrench + 1)
-
-
 def test_a_rewritten_table_has_our_columns_whatever_it_was(make_csv):
     log = 't;Fz [kN];T;x\n0,0;0,0015;20;\n0,5;0,0025;;a\n1;;21;b\n'
     source = make_csv(log)
     target = source.with_name('out.csv')
     topics = Topics(columns='stamp=t,force_z=Fz [kN],temperature_c=T')
-    (warning,) = rewrite_recording(source, target, halve, topics=topics, external=every_other)
+    (warning,) = rewrite_recording(source, target, halve, topics=topics)
     assert 'not understood and not used: x.' in warning
     assert target.read_text() == (
-        'stamp_ns,force_z,temperature_c,compensated_by_wrist_ft_comp,external_force_z\n'
-        '0,0.75,20.0,,2.5\n500000000,1.25,,,\n1000000000,,21.0,,\n'
+        'stamp_ns,force_z,temperature_c,compensated_by_wrist_ft_comp\n'
+        '0,0.75,20.0,\n500000000,1.25,,\n1000000000,,21.0,\n'
     )
     assert source.read_text() == log
 
@@ -108,18 +103,6 @@ def test_a_rewritten_bag_has_each_message_and_the_corrected_wrench(make_bag, sto
     assert [p.name for p in source.parent.iterdir() if p.name.startswith('.')] == []
     again = read_recording(target, topics=Topics(wrench='/wrench'))
     np.testing.assert_allclose(again.wrench, read_recording(source).wrench / 2)
-
-
-def test_an_external_wrench_has_its_own_topic_and_messages_where_it_is_finite(make_bag):
-    source = make_bag(count=200)
-    target = source.with_name('out')
-    rewrite_recording(source, target, halve, external=every_other)
-    after = raw_messages(target)
-    assert len(after['/wrench']) == 200
-    stamps, values = cdr.decode_many([data for _, data in after['/wrench_external']], 6)
-    raw = cdr.decode_many([data for _, data in after['/wrench_raw']], 6)
-    np.testing.assert_array_equal(stamps, raw[0][::2])
-    np.testing.assert_array_equal(values, raw[1][::2] + 1)
 
 
 @pytest.mark.parametrize(('storage', 'suffix'), [('sqlite3', '.db3'), ('mcap', '.mcap')])

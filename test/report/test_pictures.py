@@ -55,19 +55,6 @@ def test_both_lines_differ_without_colour_and_axes_have_units(thermometers):
     assert first.get_linestyle() != second.get_linestyle()
 
 
-@pytest.mark.parametrize(
-    ('left', 'drawn'),
-    [(0.0, '▁' * 12), (0.01, '▁' * 12), (-0.5, '▅' * 12), (1.0, '█' * 12), (9.0, '█' * 12)],
-)
-def test_what_is_left_over_time_is_drawn_on_the_scale_of_what_was_there(left, drawn):
-    day = series()
-    before = np.full(300, 2.0)
-    assert replace(day, before=before, after=left * before).sparkline() == drawn
-    assert replace(day, before=0 * before, after=0 * before).sparkline() == '▁' * 12
-    rising = replace(day, before=before, after=before * np.linspace(0, 1, 300)).sparkline()
-    assert list(rising) == sorted(rising)
-
-
 @pytest.mark.parametrize('points', [1, 2, 3])
 def test_a_handful_of_points_is_drawn(points):
     figure = pictures.errors_over_time(series(points), 'N')

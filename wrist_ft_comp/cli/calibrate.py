@@ -2,14 +2,13 @@
 
 import argparse
 from pathlib import Path
-import re
 from typing import get_args
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.show import payloads_json
 from wrist_ft_comp.cli.terminal import content_words, print_result, progress_bar
 from wrist_ft_comp.drift.features import FeatureKind
-from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.errors import check_range
 from wrist_ft_comp.fit import settings
 from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob
@@ -23,13 +22,6 @@ HELP = 'learn the drift from recordings'
 DESCRIPTION = """\
 Learn the drift of every recorded axis and write a model file.
 An existing model file is replaced; any other existing file is not."""
-EXAMPLES = """\
-examples:
-  wrist_ft_comp calibrate warm_up.mcap -o model.yaml
-  wrist_ft_comp calibrate monday/ tuesday/ -o model.yaml --report report.html
-  wrist_ft_comp calibrate day/ --imu-topic imu --reference payload -o tool.yaml
-  wrist_ft_comp calibrate loaded.csv --reference recorded -o model.yaml --json
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,36 +37,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='powers of temperature, or hat functions at the plateaus of a chamber test (default: '
         '%(default)s)', default='powers')  # fmt: skip
     parser.add_argument(
-        '--latents', type=int, metavar='N',
-        help='number of weighted sums of features (default: by held-out blocks)')  # fmt: skip
-    parser.add_argument(
-        '--orders', action='append', type=_orders, default=[], metavar='N,M,D[,direct]',
-        help='of arx_pls, once for all latents or once per latent: past outputs, inputs, and '
-        'delay in cells, as in eq. 20 of the paper; direct: the newest input comes a cell sooner '
-        '(default: chosen on held-out blocks)')  # fmt: skip
-    parser.add_argument(
-        '--thermal-period', type=options.number(*PERIODS_S), metavar='SECONDS',
+        '--thermal-period', type=float, metavar='SECONDS',
         help='length of a thermal cell (default: 1, or as long as samples are apart)')  # fmt: skip
     options.add_topics(parser)
     options.add_part(parser)
     options.add_output_forms(parser)
 
 
-def _orders(text: str) -> settings.Orders:
-    """Parse the orders of a latent's ARX."""
-    found = re.fullmatch(r'(\d+),(\d+),(\d+)(,direct)?', text)
-    if not found:
-        raise argparse.ArgumentTypeError(f'expected such as 2,2,1 or 1,1,0,direct, got {text!r}')
-    try:
-        return settings.Orders(int(found[1]), int(found[2]), int(found[3]), direct=bool(found[4]))
-    except SettingsError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     topics = options.topics_from(arguments)
     options.check_recordings(arguments.recordings, topics)
+    if arguments.thermal_period is not None:
+        check_range('--thermal-period', arguments.thermal_period, *PERIODS_S)
     # Nothing that a person made may be overwritten, and it is said before the work.
     others = list(arguments.recordings)
     if arguments.reference == 'payload':
@@ -83,9 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     MODEL.check_target(arguments.output, others)
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.output, *others])
-    identification = settings.IdentificationSettings(
-        arguments.method, features=arguments.features, latents=arguments.latents,
-        orders=tuple(arguments.orders))  # fmt: skip
+    identification = settings.IdentificationSettings(arguments.method, features=arguments.features)
     job = CalibrationJob(
         tuple(arguments.recordings), arguments.output,
         settings.CalibrationSettings(
@@ -94,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         topics, report=arguments.report)  # fmt: skip
     with progress_bar('calibrating') as progress:
         calibration, content = run_job(job, progress)
-    words = content_words(content, verbose=arguments.verbose)
+    words = content_words(content)
     words += ['', f'saved as {content.stored.path}']
     if job.report:
         REPORT.write(job.report, page(content))

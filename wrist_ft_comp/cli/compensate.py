@@ -2,7 +2,6 @@
 
 import argparse
 from contextlib import ExitStack
-from dataclasses import replace
 import gc
 from pathlib import Path
 
@@ -10,11 +9,9 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.terminal import print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor
-from wrist_ft_comp.payload.separation import external_correction, learn_at_work
-from wrist_ft_comp.recording import Correction
-from wrist_ft_comp.recordings.compensated_copy import check_copy, EXTERNAL_TOPIC, rewrite_recording
+from wrist_ft_comp.errors import check_range
+from wrist_ft_comp.recordings.compensated_copy import check_copy, rewrite_recording
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.report.days import PICTURE
 from wrist_ft_comp.report.evaluation import range_warnings
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
@@ -33,12 +30,6 @@ In bags they come beside the raw ones, on a topic of their own. Of a table they
 replace them, in a CSV file with this package's columns and units, which is
 marked as compensated and not compensated again. An existing file or folder is
 never overwritten. Without a tare every axis keeps a constant offset."""
-EXAMPLES = """\
-examples:
-  wrist_ft_comp compensate model.yaml run.csv -o compensated.csv
-  wrist_ft_comp compensate model.yaml bag/ -o bag_compensated/ --tare 60
-  wrist_ft_comp compensate tool.yaml day.csv -o free.csv --reference payload
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,17 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('recording', type=Path, metavar='REC', help=options.RECORDING_HELP)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='OUT')
     parser.add_argument(
-        '--tare', type=options.number(0.0), default=0.0, metavar='SECONDS',
+        '--tare', type=float, default=0.0, metavar='SECONDS',
         help='tare on the first SECONDS, which must be unloaded (default: 0, no '
         'tare)')  # fmt: skip
-    parser.add_argument(
-        '--reference', choices=('payload',),
-        help='add what the environment does to the tool: the payload that was mounted is found in '
-        'the recording by its specific force, and its weight is taken off, too (columns '
-        f'external_force_x …, or the topic {EXTERNAL_TOPIC})')  # fmt: skip
-    parser.add_argument(
-        '--picture', type=Path, metavar='PICTURE.png', help='draw the compensated recording, too'
-    )
     options.add_json(parser)
     group = options.add_topics(parser)
     group.add_argument(
@@ -69,10 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     topics = options.topics_from(arguments)
     options.check_recordings([arguments.recording], topics)
-    added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
-    check_copy(arguments.recording, arguments.output, added, [arguments.model])
-    if arguments.picture:
-        PICTURE.check_target(arguments.picture, [arguments.model, arguments.recording])
+    check_range('--tare', arguments.tare, 0.0)
+    check_copy(arguments.recording, arguments.output, arguments.output_topic, [arguments.model])
     stored = load_model(arguments.model)
     model = stored.model
     period_s = model.period_ns / NANOSECONDS
@@ -85,34 +66,17 @@ def run(arguments: argparse.Namespace) -> int:
         sensor_warnings = check_sensor(stored, recording.sensor, f'in {recording.name}')
         track = track_drift(model, recording)
         tare = initial_tare(model, recording, arguments.tare)
-        external: Correction | None = None
-        external_warnings: tuple[str, ...] = ()
-        if arguments.reference == 'payload':
-            work = learn_at_work([recording])
-            # Weight moves faster than drift; the cells of a long recording are longer.
-            fine_s = max(0.02, recording.duration_s / 2_000_000)
-            fine = read_recording(arguments.recording, period_s=fine_s, topics=topics)
-            external = external_correction(work, model, fine)
-            external_warnings = work.warnings
         rewriting_warnings = rewrite_recording(
             arguments.recording, arguments.output,
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
-            output_topic=arguments.output_topic, external=external,
+            output_topic=arguments.output_topic,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
-    if arguments.picture:
-        from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
-
-        middles_ns = track.stamps_ns[:-1] - recording.period_ns // 2
-        clean = correct_many(track, middles_ns, recording.wrench, tare)
-        shown = replace(recording, name=arguments.output.name, wrench=clean)
-        PICTURE.write(arguments.picture, pictures.png(pictures.recording_figure(shown)))
     warnings = (
         *([] if arguments.tare else [_UNTARED]),
         *sensor_warnings,
         *recording.warnings,
         *rewriting_warnings,
         *range_warnings(stored, recording),
-        *external_warnings,
     )
     taken_off = dict(zip(AXES, tare.tolist(), strict=True))
     document = {'output': arguments.output, 'tare': taken_off, 'warnings': warnings}

@@ -29,12 +29,6 @@ from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
 
 HELP = 'judge a model on recordings'
 DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tared first.'
-EXAMPLES = """\
-examples:
-  wrist_ft_comp evaluate model.yaml wednesday.mcap
-  wrist_ft_comp evaluate model.yaml workday.csv --reference payload
-  wrist_ft_comp evaluate model.yaml loaded.csv --reference recorded --json
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, 'what the model was learnt with, if the recording holds it, or unloaded'
     )
     parser.add_argument(
-        '--tare', type=options.number(0.0, above=True), default=60.0, metavar='SECONDS',
+        '--tare', type=float, default=60.0, metavar='SECONDS',
         help='tare on the first SECONDS, above 0; at least on the first thermal cell (default: '
         '60)')  # fmt: skip
     options.add_topics(parser)
@@ -63,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         content, document = evaluate_recordings(
             arguments.model, arguments.recordings, topics,
             arguments.reference, arguments.tare, progress)  # fmt: skip
-    words = content_words(content, verbose=arguments.verbose)
+    words = content_words(content)
     if arguments.report:  # before what a closed pipe may end
         REPORT.write(arguments.report, page(content))
         words += ['', f'report: {arguments.report}']

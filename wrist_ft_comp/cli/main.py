@@ -12,16 +12,8 @@ import wrist_ft_comp
 from wrist_ft_comp.cli import calibrate, compensate, demo, evaluate, node, show
 from wrist_ft_comp.cli.options import Parser
 from wrist_ft_comp.cli.terminal import print_json
-from wrist_ft_comp.errors import INTERRUPTED, UsageError, WristFtCompError
+from wrist_ft_comp.errors import UsageError, WristFtCompError
 
-EXAMPLES = """\
-examples:
-  wrist_ft_comp calibrate warm_up.mcap -o model.yaml
-  wrist_ft_comp evaluate model.yaml another_day.mcap
-  wrist_ft_comp compensate model.yaml another_day.mcap -o compensated/
-
-Run "wrist_ft_comp COMMAND --help" for the options of a command.
-"""
 _EXIT_CODES = """\
 exit code: 0 done, 1 refused or failed, in one sentence on standard error,
 2 wrong usage, 130 interrupted.
@@ -33,14 +25,15 @@ def build_parser() -> Parser:
     parser = Parser(
         prog='wrist_ft_comp',
         description='Remove the temperature drift of a wrist force/torque sensor.',
-        epilog=f'{EXAMPLES}\n{_EXIT_CODES}', formatter_class=Form)  # fmt: skip
+        epilog=f'Run "wrist_ft_comp COMMAND --help" for its options.\n\n{_EXIT_CODES}',
+        formatter_class=Form)  # fmt: skip
     parser.add_argument('--version', action='version', version=wrist_ft_comp.__version__)
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     for command in (calibrate, evaluate, compensate, show, node, demo):
         subparser = commands.add_parser(
             command.__name__.rpartition('.')[2], help=command.HELP,
             description=command.DESCRIPTION,
-            epilog=f'{command.EXAMPLES}\n{_EXIT_CODES}', formatter_class=Form)  # fmt: skip
+            epilog=_EXIT_CODES, formatter_class=Form)  # fmt: skip
         subparser.set_defaults(run=command.run)
         command.add_arguments(subparser)
     return parser
@@ -50,13 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command, with the process's arguments by default; returns the exit code."""
     words = sys.argv[1:] if argv is None else argv
     try:
-        # Write any character, such as "°", in a narrow locale, too, and to closed streams nothing.
-        for name in ('stdout', 'stderr'):
-            stream = getattr(sys, name)
-            if stream is None:  # closed by whoever started us
-                setattr(sys, name, open(os.devnull, 'w'))  # noqa: PTH123, SIM115 -- for good
-            elif isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(errors='backslashreplace')
+        if isinstance(sys.stdout, io.TextIOWrapper):  # any character in a narrow locale, too
+            sys.stdout.reconfigure(errors='backslashreplace')
         try:
             arguments = build_parser().parse_args(words)
         except SystemExit:  # --help and --version have printed
@@ -67,7 +55,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except WristFtCompError as error:
         kind, sentence, code = error.kind(), str(error), 2 if isinstance(error, UsageError) else 1
     except KeyboardInterrupt:
-        kind, sentence, code = 'interrupted', INTERRUPTED, 128 + signal.SIGINT
+        kind, sentence = 'interrupted', 'interrupted; nothing was left half-written.'
+        code = 128 + signal.SIGINT
     except BrokenPipeError:  # the reader of our output has gone, such as "head"
         _abandon_output()
         return 0

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.cli import options, terminal
-from wrist_ft_comp.errors import NodeError, UsageError
+from wrist_ft_comp.errors import NodeError
 
 if TYPE_CHECKING:
     from wrist_ft_comp.cli.node_client import Operator, Watch
@@ -27,14 +27,6 @@ tare and temperatures: again and again in a terminal, until Ctrl-C; else once.
 Its exit code is 1 when the wrench is not compensated or anything else is not ok.
 All services are actions; those of this node are listed where another one is
 asked for."""
-EXAMPLES = """\
-examples:
-  wrist_ft_comp node record
-  wrist_ft_comp node stop
-  wrist_ft_comp node tare --name left
-  wrist_ft_comp node set payload.active=identified-1
-  wrist_ft_comp node status
-"""
 _LEVELS = {b'\0': 'ok', b'\1': 'WARNING', b'\2': 'ERROR', b'\3': 'STALE'}
 
 
@@ -42,11 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         'action', metavar='ACTION',
-        help='status, record, stop (ends a recording), set, or another service of it',
+        help='status, record, stop (ends a recording), or another service of it',
     )  # fmt: skip
-    parser.add_argument(
-        'values', nargs='*', metavar='NAME=VALUE',
-        help='what set changes: parameters of the node, all or none')  # fmt: skip
     parser.add_argument(
         '--name', default='',
         help='which node, by its name or namespace, where several run')  # fmt: skip
@@ -61,9 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     options.require_ros(NodeError, 'A running node is reached by rclpy')
     from wrist_ft_comp.cli import node_client  # noqa: PLC0415 -- loads rclpy
 
-    action, values = arguments.action, arguments.values
-    if bool(values) != (action == 'set'):
-        raise UsageError(f'set takes NAME=VALUE, and nothing else does; got {action} {values}.')
+    action = arguments.action
     with node_client.operating() as operator:
         name = operator.find(arguments.name)
         watch = node_client.Watch(operator, name)
@@ -73,24 +60,21 @@ def run(arguments: argparse.Namespace) -> int:
                     f'{name} has published no diagnostics for {node_client.SILENCE_S:.0f} s.'
                 )
             return _show(operator, name, watch, arguments)
-        if action == 'set':
-            answer = node_client.set_parameters(operator, name, values)
-        else:
-            service = 'record' if action == 'stop' else action
-            if not operator.wait_for(lambda: service in operator.services(f'{name}/'), 1.0):
-                raise NodeError(
-                    f'{name} has no service {action}. Ask for status, stop, set, or one of '
-                    f'{", ".join(operator.services(f"{name}/"))}.'
-                )
-            with terminal.waiting(action) as describe:
+        service = 'record' if action == 'stop' else action
+        if not operator.wait_for(lambda: service in operator.services(f'{name}/'), 1.0):
+            raise NodeError(
+                f'{name} has no service {action}. Ask for status, stop, or one of '
+                f'{", ".join(operator.services(f"{name}/"))}.'
+            )
+        with terminal.waiting(action) as describe:
 
-                def show() -> None:
-                    # What takes long has a status of its own, as payload for identify_payload.
-                    said = [s.message for n, s in watch.statuses.items() if n in action]
-                    describe(': '.join([action, *said]))
+            def show() -> None:
+                # What takes long has a status of its own, as payload for identify_payload.
+                said = [s.message for n, s in watch.statuses.items() if n in action]
+                describe(': '.join([action, *said]))
 
-                operator.node.create_timer(0.5, show)
-                answer = node_client.ask(operator, name, action, watch)
+            operator.node.create_timer(0.5, show)
+            answer = node_client.ask(operator, name, action, watch)
     if arguments.json:
         terminal.print_json({'node': name, 'action': action, 'answer': answer})
     else:
@@ -151,13 +135,12 @@ def status_page(name: str, watch: 'Watch') -> Iterator[str | Table]:
     if thermometers:
         yield ''
         yield terminal.table(
-            ['thermometer', 'now, °C', 'age, s', 'learnt at', 'recorded now'],
+            ['thermometer', 'now, °C', 'age, s', 'learnt at'],
             [
                 [one.removeprefix('thermometer_'),
                  ' → '.join(heard[k] for k in (f'{one}_c', f'{one}_believed_c') if k in heard)
                  or '–',
-                 heard[f'{one}_age_s'], model.get(f'{one}_calibrated_c', '–'),
-                 calibration.get(f'recording_{one}_c', '–')]
+                 heard[f'{one}_age_s'], model.get(f'{one}_calibrated_c', '–')]
                 for one in thermometers
             ])  # fmt: skip
     if seconds := calibration.get('recording_s'):

@@ -1,18 +1,16 @@
 """Who operates a running compensator from outside: by its services and its diagnostics."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import shlex
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import Parameter
-from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from rclpy.parameter import get_parameter_value
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import NodeError
@@ -38,11 +36,6 @@ class Operator:
         self.node: Any = Node(name, context=context, use_global_arguments=False)
         self.executor = EventsExecutor(context=context)
         self.executor.add_node(self.node)
-
-    def close(self) -> None:
-        """End node and executor."""
-        self.executor.shutdown()
-        self.node.destroy_node()
 
     def wait_for(self, done: Callable[[], Any], timeout_s: float) -> bool:
         """Run callbacks until a condition holds; tell whether it does in time."""
@@ -117,7 +110,8 @@ def operating() -> Iterator[Operator]:
     try:
         yield operator
     finally:
-        operator.close()
+        operator.executor.shutdown()
+        operator.node.destroy_node()
         context.try_shutdown()
 
 
@@ -172,30 +166,3 @@ def ask(operator: Operator, name: str, action: str, watch: Watch) -> str:
     if not answer.success:
         raise NodeError(str(answer.message))
     return str(answer.message)
-
-
-def set_parameters(operator: Operator, name: str, settings: Sequence[str]) -> str:
-    """Set parameters, NAME=VALUE each as in ``ros2 param set``, all or none; NodeError refuses."""
-    parameters = []
-    for setting in settings:
-        parameter, equals, value = setting.partition('=')
-        if not equals:
-            raise NodeError(f'Expected NAME=VALUE, such as payload.active=tool; got {setting!r}.')
-        parameters.append(Parameter(name=parameter, value=get_parameter_value(value)))
-    operator.introduce(name)
-    service = f'{name}/set_parameters_atomically'
-    client = operator.node.create_client(SetParametersAtomically, service)
-    operator.wait_for(client.service_is_ready, DISCOVERY_S)
-    future = client.call_async(SetParametersAtomically.Request(parameters=parameters))
-    if not operator.wait_for(future.done, DISCOVERY_S):
-        raise NodeError(
-            f'{name} does not answer within {DISCOVERY_S:.0f} s; it hangs or has ended.'
-        )
-    result = future.result().result
-    if 'undeclared' in result.reason:  # rclpy does not say which
-        raise NodeError(
-            f'{name} has no such parameter: {", ".join(settings)}. See compensator -h.'
-        )
-    if not result.successful:
-        raise NodeError(f'{", ".join(settings)} was refused: {result.reason}')
-    return f'set {", ".join(settings)}'

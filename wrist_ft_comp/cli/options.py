@@ -1,17 +1,14 @@
 """What the commands share: options, checks of paths, JSON for scripts."""
 
 import argparse
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from difflib import get_close_matches
+from collections.abc import Sequence
 from importlib.util import find_spec
-import math
 from pathlib import Path
 import re
 import shlex
-from typing import Any, get_args, NoReturn
+from typing import get_args, NoReturn
 
-from wrist_ft_comp.errors import range_words, RecordingError, UsageError, WristFtCompError
+from wrist_ft_comp.errors import RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.read import files_of
 from wrist_ft_comp.recordings.read_options import parse_options
@@ -28,38 +25,9 @@ RECORDING_HELP = (
 class Parser(argparse.ArgumentParser):
     """Refuses by a UsageError of one line, where argparse would print many and end the process."""
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Refuse an option of a command that is not known before one that is missing."""
-        for name in re.findall(r'(?m)^--[\w-]+', '\n'.join(args)):
-            known = [o for o in self._option_string_actions if o.startswith(name)]
-            if not known and self._subparsers is None:
-                self.error(f'unrecognized arguments: {name}')
-        return super().parse_known_args(args, namespace)
-
     def error(self, message: str) -> NoReturn:
-        """Leave the sentence to whoever parses; a mistyped word gets its nearest neighbour."""
-        head, _, choices = message.rstrip('.').partition(' (choose from ')
-        wrong = re.search(r"(?:invalid choice: '|unrecognized arguments: )([^\s']+)", head)
-        known = re.findall(r'[\w-]+', choices) or self._option_string_actions
-        near = get_close_matches(wrong[1], known, n=1) if wrong else []
-        sentence = f'{head}; did you mean {near[0]}?' if near else f'{message.rstrip(".")}.'
-        sentence = sentence.replace('unrecognized arguments:', 'There is no option')
-        sentence = re.sub(r'argument (\S+): invalid choice:', r'\1 cannot be', sentence)
-        raise UsageError(f'{sentence} See {self.prog} --help.')
-
-
-def number(low: float, high: float = math.inf, *, above: bool = False) -> Callable[[str], float]:
-    """Make a parser, for ``add_argument``, of numbers from (or above) low to high."""
-
-    def parse(text: str) -> float:
-        with suppress(ValueError):
-            value = float(text)
-            if low <= value <= high and value < math.inf and not (above and value == low):
-                return value
-        words = range_words(low, high, above=above)
-        raise argparse.ArgumentTypeError(f'expected a number {words}, got {text!r}')
-
-    return parse
+        """Leave the sentence to whoever parses."""
+        raise UsageError(f'{message.rstrip(".")}. See {self.prog} --help.')
 
 
 def topic(text: str) -> str:
@@ -178,11 +146,8 @@ def add_reference(parser: argparse.ArgumentParser, default: str = 'unloaded') ->
 
 
 def add_output_forms(parser: argparse.ArgumentParser) -> None:
-    """Add the report, all reasons, and JSON."""
+    """Add the report, and JSON."""
     parser.add_argument('--report', type=Path, metavar='REPORT.html', help='write a report, too')
-    parser.add_argument(
-        '--verbose', action='store_true', help='say of each axis why, and all that could be done'
-    )
     add_json(parser)
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 import re
 import shlex
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,21 +24,6 @@ from wrist_ft_comp.wire.temperature_source import parse_source
 
 REFERENCE = 'reference'
 SPECIFIC_FORCE = 'specific force'
-
-
-class ForceSummary(NamedTuple):
-    """How the specific force of a recording moved, m/s²."""
-
-    #: Root mean square over all samples.
-    norm: float
-    #: Standard deviations along the three principal directions, largest first, scaled to a norm of
-    #: GRAVITY.
-    spread: tuple[float, float, float]
-
-    @property
-    def seen(self) -> int:
-        """Number of directions along which gravity moved; a payload needs two."""
-        return sum(deviation > CONTRAST for deviation in self.spread)
 
 
 @dataclass(frozen=True)
@@ -74,8 +58,9 @@ class RecordingSummary:
     warnings: tuple[str, ...] = ()
     #: What may be used, of a bag only.
     candidates: tuple[bag_topics.Candidate, ...] = ()
-    #: None where no specific force was recorded, or nothing can be learnt.
-    specific_force: ForceSummary | None = None
+    #: Along how many directions gravity moved in the sensor's frame; a payload needs two. None
+    #: where no specific force was recorded, or nothing can be learnt.
+    gravity_directions: int | None = None
     #: Whether the columns of ``topics`` are a guess, because nobody gave any.
     guessed: bool = False
     #: Why it cannot be read as a recording; empty where it can.
@@ -110,7 +95,7 @@ def describe_recording(
             summary, recording = _describe_bag(opened.bag, topics, progress)
     if recording is None or recording.specific_force is None:
         return summary, recording
-    return replace(summary, specific_force=describe_force(recording.specific_force)), recording
+    return replace(summary, gravity_directions=directions_of(recording.specific_force)), recording
 
 
 def _describe_bag(bag: Bag, topics: Topics, progress: Progress) -> Description:
@@ -199,10 +184,10 @@ def _describe_table(opened: read.OpenTable, progress: Progress) -> Description:
 def commands(summary: RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording and judge; of a bag, that run, too."""
     topics, usual, is_bag = summary.topics, Topics(), bool(summary.candidates)
-    force, words = summary.specific_force, list[str]()
+    words = list[str]()
     referred = any(c.role == REFERENCE and c.samples for c in summary.channels)
     referred &= not summary.is_unloaded
-    at_work = force is not None and force.seen > 0 and not referred
+    at_work = bool(summary.gravity_directions) and not referred
     if referred or at_work:
         words += ['--reference', 'recorded' if referred else 'payload']
     words += topics.column_options
@@ -232,12 +217,11 @@ def commands(summary: RecordingSummary, path: Path) -> list[str]:
     return [shlex.join(calibrate), shlex.join(evaluate), run_command(topics, model)]
 
 
-def describe_force(force: FloatArray) -> ForceSummary | None:
-    """Describe the finite samples of a specific force, m/s², (n, 3); None without any."""
+def directions_of(force: FloatArray) -> int | None:
+    """Count the directions along which specific force, (n, 3), moved; None without samples."""
     force = force[np.isfinite(force).all(axis=1)]
     if not len(force):
         return None
     norm = float(np.sqrt(np.mean(np.sum(force**2, axis=1))))
-    moved = np.linalg.eigvalsh(np.cov(force.T, bias=True))[::-1]
-    largest, middle, least = np.sqrt(np.maximum(moved, 0)) * (GRAVITY / norm if norm else 0.0)
-    return ForceSummary(norm, (float(largest), float(middle), float(least)))
+    moved = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(force.T, bias=True)), 0))
+    return int(np.sum(moved * (GRAVITY / norm if norm else 0.0) > CONTRAST))

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from rich.table import Table
 
 from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
@@ -15,7 +14,6 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, StateFileError
 from wrist_ft_comp.fit.data_checks import check_recordings, silent_stretches
 from wrist_ft_comp.learning import diary as diaries
-from wrist_ft_comp.payload.payload_for_drivers import driver_calls, driver_lines
 from wrist_ft_comp.payload.weight import Payload, payload_line
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.recordings.bag_topics import Candidate, RAW_WRENCH, TEMPERATURE
@@ -29,19 +27,13 @@ from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, payload_figures, PAYLOADS
 
-#: Most days in the table; JSON has all.
-MOST_DAYS = 40
+#: Most of what happened that is listed; JSON has all.
+MOST_EVENTS = 40
 HELP = 'say what a model, a recording, payloads.json or a diary holds'
 DESCRIPTION = """\
 Say what a model file or a recording holds. Of a bag, which topics could be
 wrench, temperature (also inside other messages), IMU and TF, how good they
 are, and the commands that learn from them, judge the model and run it."""
-EXAMPLES = """\
-examples:
-  wrist_ft_comp show model.yaml
-  wrist_ft_comp show warm_up.mcap --json
-  wrist_ft_comp show ~/.ros/wrist_ft_comp/wrist_ft_comp --picture days.png
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
     figure, code = None, 0
     refusal = f'{path} is no recording, and no folder of a node that learns.'
-    lines: list[str | Table]
+    lines: Sequence[str | Table]
     if REPORT.is_own(path):
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
         lines = [f'{path}: a report of wrist_ft_comp; open it in a browser']
@@ -81,9 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
     elif path.name == PAYLOADS and path.exists():
         payloads = {name: payload for name, (payload, _) in load_payloads(path).items()}
         document = {'payloads': payloads_json(payloads)}
-        lines = [f'{path}: payloads, by the names that payload.active takes']
-        for name, payload in payloads.items():
-            lines += ['', payload_line(name, payload), *driver_lines(payload)]
+        head = f'{path}: payloads, by the names that payload.active takes'
+        lines = [head, *(payload_line(name, payload) for name, payload in payloads.items())]
     else:
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
@@ -104,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
             'refusal': refusal,
         }
         lines = [*_recording_lines(described, path, refusal)]
-        if arguments.picture and recording and not refusal:
+        if arguments.picture and recording:
             figure = pictures.recording_figure(recording)
     if arguments.picture:
         if figure is None:
@@ -114,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
     return code
 
 
-def _node_days(folder: Path) -> tuple[dict[str, object], list[str | Table]]:
+def _node_days(folder: Path) -> tuple[dict[str, object], list[str]]:
     """Describe the days of a node, as plain values and in words."""
     diary, memory = diaries.survey(folder), diaries.Memory()
     warnings = [diary.problem] if diary.problem else []
@@ -178,14 +169,13 @@ def _recording_lines(
     if not summary.is_open:  # of one that is, nothing was read
         yield table(header, rows)
     yield from _candidate_lines(summary.candidates)
-    if (force := summary.specific_force) is not None:
-        # How far gravity moved in the sensor's frame, by which a payload is identified.
+    if (directions := summary.gravity_directions) is not None:
         source = f' of {summary.topics.imu}' if summary.topics.imu else ''
         if summary.topics.gravity_frame:
             source = f' by TF, if z of {summary.topics.gravity_frame} is up'
         yield filled(
-            f'specific force{source}: norm {force.norm:.4g} m/s². Gravity moved along '
-            f'{force.seen} of 3 directions; a payload needs 2: tilt the tool about two axes.'
+            f'specific force{source}: gravity moved along {directions} of 3 directions; a payload '
+            'needs 2: tilt the tool about two axes.'
         )
     yield from _use(summary, path, refusal)
     yield from (f'warning: {warning}' for warning in summary.warnings)
@@ -267,39 +257,21 @@ def _use(summary: recording_summary.RecordingSummary, path: Path, refusal: str) 
             yield from recipe(topics.columns, topics.time)
 
 
-def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str | Table]:
-    """Sum days up, put them into a table, and list what happened, and temperatures they saw."""
-    days, happened = diary.days[-MOST_DAYS:], figures.events(diary)
-    rows = []
-    for day in days:
-        drift = figures.drift_left(day)
-        drifts = (*drift, 100 * drift.share)
-        rows.append([
-            day.name.removesuffix('.csv'), figures.date_of(day),
-            f'{day.hours:.1f}' if day.first_ns else '-',
-            ' to '.join(f'{value:.1f}' for value in (*day.temperature_c, ())[0]) or '-',
-            *('-' if np.isnan(value) else rounded(value) for value in drifts),
-        ])  # fmt: skip
-    header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'left, N', 'left, %']
+def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str]:
+    """Sum days up, and list what happened and the last verdicts."""
+    happened = figures.events(diary)
     lines = [
         'What happened:' if happened else '',
-        *(figures.event_line(event, diary.days) for event in happened[-MOST_DAYS:]),
-        *(f'{day.name}: {day.verdict}' for day in days[-3:] if day.verdict),
+        *(figures.event_line(event, diary.days) for event in happened[-MOST_EVENTS:]),
+        *(f'{day.name}: {day.verdict}' for day in diary.days[-3:] if day.verdict),
         f'last change: {diaries.last_change(diary.history) or "none yet"}',
         f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
         f'paused: {diary.paused}' if diary.paused else '',
     ]
-    newest = f', of which the newest {MOST_DAYS}' if len(diary.days) > MOST_DAYS else ''
-    head = [
-        f'{directory}: days of a node that learns, {len(diary.days)}{newest}',
-        filled(figures.summary(diary)),
-    ]
-    return [*head, table(header, rows), '', *map(filled, filter(None, lines))]
+    head = f'{directory}: days of a node that learns, {len(diary.days)}'
+    return [head, *map(filled, filter(None, [figures.summary(diary), *lines]))]
 
 
 def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:
     """Put payloads into plain values; what is not known is null."""
-    return [
-        {'name': name, **payload_figures(payload), 'driver_calls': driver_calls(payload)}
-        for name, payload in payloads.items()
-    ]
+    return [{'name': name, **payload_figures(payload)} for name, payload in payloads.items()]

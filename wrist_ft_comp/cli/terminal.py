@@ -28,7 +28,6 @@ _STYLES = {
     LEVEL_NAMES['harmful']: 'bold red', 'ok': 'green', 'WARNING': 'bold yellow',
     'ERROR': 'bold red', 'STALE': 'bold red',
 }  # fmt: skip
-_NUMBER = re.compile(r'-?\d+(\.\d+)?|[-–]|')
 
 
 def print_result(
@@ -72,20 +71,11 @@ def print_json(value: object) -> None:
     print(json.dumps(to_plain(value), indent=1, allow_nan=False, default=str))
 
 
-def content_words(
-    content: ReportContent, *, verbose: bool = False, advice: int = MOST_ADVICE
-) -> list[str | Table]:
-    """Say whether it is good, and what to do next: the first things, or all and why."""
-    sparks = [axis.series.sparkline() for axis in content.axes]
-    rows = [[*row, spark] for row, spark in zip(content.rows, sparks, strict=True)]
-    words: list[str | Table] = [table([*content.titles, 'left over time'], rows)]
-    words.append(filled(f'{content.footer} over time: ▁ nothing is left, █ as much as before.'))
+def content_words(content: ReportContent, advice: int = MOST_ADVICE) -> list[str | Table]:
+    """Say whether it is good, and the first things to do next."""
+    words: list[str | Table] = [table(content.titles, content.rows), filled(content.footer)]
     words += map(filled, content.payloads.lines() if content.payloads else ())
-    if verbose:
-        words += ['', *(filled(a.verdict.sentence, f'{a.axis}: ') for a in content.axes)]
-        words += ['', filled(content.explanation)]
-    steps = content.advice if verbose else content.advice[:advice]
-    if steps:
+    if steps := content.advice[:advice]:
         words += ['', 'What to do next:']
         words += [filled(sentence, f'{n}. ') for n, sentence in enumerate(steps, start=1)]
     return words
@@ -102,21 +92,14 @@ def filled(sentence: str, begin: str = '') -> str:
 
 
 def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """Lay texts out: words to the left, numbers to the right, aligned at their points."""
+    """Lay texts out: words to the left, numbers to the right."""
     drawn = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style='bold')
     columns = [list(cells) for cells in zip(titles, *rows, strict=True)]
     names = any('/' in cell for row in rows for cell in row)  # which people copy
     for cells in columns:
         words = any(re.match(r'[^-–\d]', cell) for cell in cells[1:])
-        numbers = all(map(_NUMBER.fullmatch, cells[1:]))
-        if numbers:  # as wide as one another, so that points are below points
-            places = [len(cell.partition('.')[2]) + ('.' in cell) for cell in cells[1:]]
-            most = max(places, default=0)
-            cells[1:] = [c + ' ' * (most - n) for c, n in zip(cells[1:], places, strict=True)]
-            width = max(map(len, cells))
-            cells[:] = [cell.rjust(width) for cell in cells]
         drawn.add_column(
-            cells[0], justify='left' if words or numbers else 'right', no_wrap=names,
+            cells[0], justify='left' if words else 'right', no_wrap=names,
             overflow='ignore' if names else 'fold')  # fmt: skip
     if sum(max(map(len, cells)) + 2 for cells in columns) - 2 > WIDTH:
         drawn.padding = (0, 1, 0, 0)

@@ -25,7 +25,7 @@ from wrist_ft_comp.fit.segments import did_it_move, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.separation import learn_at_work
-from wrist_ft_comp.recording import Recording, require_recordings
+from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import IntArray, Progress
 from wrist_ft_comp.stream.thermometer_faults import stands_s
 
@@ -47,7 +47,6 @@ def calibrate(
     progress = progress or (lambda _: None)
     reference = settings.reference
     # Check.
-    require_recordings(recordings)
     given = tuple(recordings)
     axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
     duration_s = sum(recording.duration_s for recording in recordings)

@@ -15,7 +15,6 @@ from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Minute
 from wrist_ft_comp.jobs.learning_job import learn
 from wrist_ft_comp.payload.identify_payload import CHANNELS, identify
-from wrist_ft_comp.payload.payload_for_drivers import driver_lines
 from wrist_ft_comp.payload.weight import ForceFrame, payload_line
 from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
@@ -58,7 +57,6 @@ def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
     )
     return {
         'success': True, 'message': message, 'name': name, 'rotation': frame.rotation.tolist(),
-        'driver_lines': driver_lines(found.payload),
     }  # fmt: skip
 
 

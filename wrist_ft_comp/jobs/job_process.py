@@ -75,16 +75,11 @@ class CalibrationJob:
     minute: Minute | None = None
 
 
-def encode_job(job: CalibrationJob) -> str:
-    """Write a job as JSON, which ``from_plain`` reads."""
-    return json.dumps(to_plain(job), default=str)
-
-
 class JobProcess:
     """A running job; OSError when it cannot be started."""
 
     def __init__(self, command: Sequence[str], job: CalibrationJob) -> None:
-        text = encode_job(job)
+        text = json.dumps(to_plain(job), default=str)  # which from_plain reads
         self._process = subprocess.Popen(  # noqa: S603 -- our own command line
             (*command, str(os.getpid())),
             stdin=subprocess.PIPE,

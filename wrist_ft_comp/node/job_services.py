@@ -9,7 +9,6 @@ from typing import Any, get_args
 
 import numpy as np
 
-from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.jobs.job_process import CalibrationJob, JobProcess, Minute
@@ -160,11 +159,10 @@ class Jobs(Part):
         finally:
             external.collect(None)
         found = ForceFrame(np.array(outcome['rotation']))
-        use = (
-            f'{outcome["message"]} Specific force is {found}. Use it: wrist_ft_comp node set '
-            f'payload.active={outcome["name"]} --name {self.hub.get_fully_qualified_name()}'
+        return (
+            f'{outcome["message"]} Specific force is {found}. Use it: ros2 param set '
+            f'{self.hub.get_fully_qualified_name()} payload.active {outcome["name"]}'
         )
-        return '\n'.join([use, *outcome['driver_lines']])
 
     def statuses(self) -> Iterator[Status]:
         """Report recording, running calibration, and last outcome."""
@@ -176,9 +174,6 @@ class Jobs(Part):
             numbers['recording'] = str(recorder.path)
             numbers['recorded_cells'] = str(recording.rows)
             numbers['recording_s'] = f'{recording.rows * recorder.period_s:g}'
-            for j in range(self.live.compensator.thermometers):
-                if span := recording.spans.get(temperature_channel(j)):
-                    numbers[f'recording_thermometer_{j + 1}_c'] = '{:.1f} to {:.1f}'.format(*span)
         if (running_s := self.hub.running_s('~/calibrate')) is not None:
             message = f'running for {running_s:.0f} s'
         elif trouble := recorder.failure or recorder.doubt():

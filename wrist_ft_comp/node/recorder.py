@@ -50,8 +50,6 @@ class OwnRecording:
     #: By channel, how many of the newest rows, and of all, have no value of it.
     lacking: Counter[str] = field(default_factory=Counter)
     lacked: Counter[str] = field(default_factory=Counter)
-    #: By channel, its least and its largest value.
-    spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def write(self, channels: Sequence[str], rows: Sequence[grid.Row]) -> None:
         """Write rows, and note what they lack."""
@@ -72,8 +70,6 @@ class OwnRecording:
                     self.lacked[channel] += 1
                     continue
                 self.lacking[channel] = 0
-                least, most = self.spans.get(channel, (value, value))
-                self.spans[channel] = min(least, value), max(most, value)
 
 
 class Recorder(Part):
@@ -110,7 +106,7 @@ class Recorder(Part):
         """Say what a recording lacks that it needs, or had before, for LACKING_S; else empty."""
         for recording in self._running:
             sources = {'raw wrenches': AXES, 'specific force': FORCE_CHANNELS}
-            if REFERENCE_CHANNELS[0] in recording.spans:
+            if recording.lacked[REFERENCE_CHANNELS[0]] < recording.rows:
                 sources['wrench_reference'] = REFERENCE_CHANNELS
             for source, channels in sources.items():
                 lacking_s = self.period_s * min(recording.lacking[name] for name in channels)

@@ -10,7 +10,7 @@ from typing import Any
 from wrist_ft_comp.channels import is_plausible, temperature_channel, why_unusable
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.raw_wrench import age, arrival, Counts
+from wrist_ft_comp.node.raw_wrench import age, Counts
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.warm_restart import StateKeeper
 from wrist_ft_comp.ros import topics as ros_topics
@@ -21,7 +21,7 @@ from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.drift_doubts import frozen_doubts, gap_doubts, seldom_doubts
-from wrist_ft_comp.units import other_unit, unit_remedy
+from wrist_ft_comp.units import other_unit, UNIT_REMEDY
 from wrist_ft_comp.wire import numbers_in_messages as in_messages
 from wrist_ft_comp.wire.cdr import TEMPERATURE
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
@@ -67,7 +67,9 @@ class TemperatureTopic:
             if types and not self._type:
                 self._subscribe(TEMPERATURE if TEMPERATURE in types else types[0])
             if types:
-                wrong = ros_topics.wrong_type(hub, topic, self._type, propose=self._is_plain)
+                wrong = ros_topics.wrong_type(hub, topic, self._type)
+                if wrong and self._is_plain:
+                    wrong = f'{wrong}; write {topic}:FIELD to take a number in it'
                 self.trouble = wrong or ros_topics.other_version(hub, topic)
         except WristFtCompError as error:
             self.trouble = str(error).rstrip('.')
@@ -237,10 +239,10 @@ class TemperatureInput(Part):
         """Say what is wrong with temperatures, the worst first; counts grew since a report."""
         if grown['unusable'] and self._last_unusable is not None:
             j, value = self._last_unusable
-            remedy = unit_remedy(value, self.thermometers[j].source.in_unit)
             yield (
                 f'readings of thermometer {j + 1} are dropped; they are '
-                f'{why_unusable(temperature_channel(j), value)}. {remedy} Drift is held meanwhile'
+                f'{why_unusable(temperature_channel(j), value)}. {UNIT_REMEDY} Drift is held '
+                'meanwhile'
             )
         yield from self._tracker.thermometer_doubts
         yield from frozen_doubts(self._tracker)
@@ -248,8 +250,7 @@ class TemperatureInput(Part):
         yield from gap_doubts(self._tracker)
         yield from self._silence()
         if 0 < grown['rejected'] >= grown['usable'] / 2:
-            clock = '' if self._stamp_ns else f': {arrival(0)}'
-            yield f'temperatures are dropped, because their stamps do not increase{clock}'
+            yield 'temperatures are dropped, because their stamps do not increase'
         for topic, ahead_s in self._comparison.ahead_s.items():
             side = 'ahead of' if ahead_s > 0 else 'behind'
             yield (
@@ -282,8 +283,10 @@ class TemperatureInput(Part):
             if (publishers := self.hub.count_publishers(thermometer.topic)) > 1:
                 yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
         if unstamped := [j for j, t in enumerate(self.thermometers) if t.stamped is False]:
-            time_taken = arrival(self._stamp_ns)
-            yield f'thermometer {_numbers(unstamped)} does not stamp its readings; {time_taken}'
+            yield (
+                f'thermometer {_numbers(unstamped)} does not stamp its readings; the time of '
+                'arrival is taken'
+            )
 
     def _silence(self) -> Iterator[str]:
         """Say which thermometers can't be read or are silent, and why, where that is known."""

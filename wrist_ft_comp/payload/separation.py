@@ -10,8 +10,7 @@ What is learnt from recordings at work: payloads, apart from contacts, tares and
 
 Steps 2 to 4 are done again when the drift is roughly known, from its slowness or by a model of the
 first result: sudden heat does not look like a step then, nor a long press like drift. Doubts are
-sentences with numbers, so that nothing fails in silence. Learnt payloads can be taken off the
-recordings again, which leaves the external wrench.
+sentences with numbers, so that nothing fails in silence.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,16 +19,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.drift.drift_model import correct, DriftModel
+from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload import mounted_payloads
 from wrist_ft_comp.payload.accelerometer_calibration import Accelerometer, calibrated_by_norm
 from wrist_ft_comp.payload.mass_and_center import RigidBodies
 from wrist_ft_comp.payload.mounted_payloads import BLOCK_S, Cells, COUNTS, Fit, ROUNDS
 from wrist_ft_comp.payload.weight import LearntPayloads
-from wrist_ft_comp.recording import Correction, Recording
+from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray
-from wrist_ft_comp.stream.drift_of_recordings import correct_many, simulate_drift, track_drift
+from wrist_ft_comp.stream.drift_of_recordings import simulate_drift
 from wrist_ft_comp.zero_steps import find_steps, Step
 
 #: A shorter recording, s, does not show which changes are slow.
@@ -213,51 +212,3 @@ def _without_steps(wrench: FloatArray, steps: Sequence[Step]) -> FloatArray:
     for step in steps:
         stepless[step.cell :] -= step.jump
     return stepless
-
-
-def external_correction(separation: Separation, model: DriftModel, fine: Recording) -> Correction:
-    """
-    Make the function that turns raw wrenches of a recording into external ones.
-
-    They are zero in free motion, and NaN where no specific force came within a thermal cell.
-    Payload states and gains are those of the separation; specific force is that of ``fine``, the
-    same recording on a finer grid.
-    """
-    recording, drift = separation.recordings[0], separation.drift[0]
-
-    def cells_at(stamps_ns: IntArray) -> IntArray:
-        """Find the cells of stamps; outside the recording that is its first or last cell."""
-        numbers = stamps_ns // recording.period_ns - recording.first_cell
-        return np.clip(numbers, 0, len(recording) - 1)
-
-    # Cells in contact take the state of the last free cell before them, or else the first one.
-    states = separation.states[0]
-    counted = np.flatnonzero(states >= 0)
-    last = np.searchsorted(counted, np.arange(len(states)), side='right') - 1
-    states = states[counted[np.maximum(last, 0)]]
-    force = np.full((len(fine), 3), np.nan) if fine.specific_force is None else fine.specific_force
-    finite = np.flatnonzero(np.isfinite(force).all(axis=1))
-    force_ns = (fine.first_cell + finite) * fine.period_ns + fine.period_ns // 2
-    corrected = separation.accelerometer.frame.turn(force[finite])
-    weight = np.einsum('ni,nia->na', corrected, separation.fit.gains[states[cells_at(force_ns)]])
-    # The offset between steps of the zero comes from free motion; NaN without any.
-    free = np.asarray(np.isfinite(drift.wrench).any(axis=1))
-    rest = correct(recording.wrench, simulate_drift(model, recording), 0.0) - drift.reference
-    offset = np.full_like(rest, np.nan)
-    edges = sorted(step.cell for step in separation.steps[0])
-    for part in np.split(np.arange(len(rest)), edges):
-        if free[part].any():
-            offset[part] = np.median(rest[part[free[part]]], axis=0)
-    track = track_drift(model, recording)
-
-    def external(stamps_ns: IntArray, raw: FloatArray) -> FloatArray:
-        """Subtract drift, weight and offset."""
-        wanted_ns, known_ns = stamps_ns - force_ns[0], force_ns - force_ns[0]
-        places = np.interp(wanted_ns, known_ns, np.arange(len(force_ns)))
-        apart_ns = np.abs(wanted_ns - known_ns[np.rint(places).astype(np.int64)])
-        weights = [np.interp(wanted_ns, known_ns, axis) for axis in weight.T]
-        wrench = correct_many(track, stamps_ns, raw) - np.stack(weights, axis=1)
-        near = apart_ns[:, None] <= recording.period_ns
-        return np.where(near, wrench - offset[cells_at(stamps_ns)], np.nan)
-
-    return external

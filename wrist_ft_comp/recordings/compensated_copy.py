@@ -1,6 +1,6 @@
 """A recording copied with its wrench corrected."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,8 +18,6 @@ from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.stored.safe_file import Output, writing
 from wrist_ft_comp.wire import cdr
 
-EXTERNAL_TOPIC = '/wrench_external'
-
 
 def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its default
     source: Path | str,
@@ -28,22 +26,19 @@ def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its def
     *,
     topics: Topics | None = None,
     output_topic: str = '/wrench',
-    external: Correction | None = None,
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
     """
     Copy a recording with its wrench corrected; says what was left out.
 
     A table becomes a CSV recording with this package's columns and units; a bag stays a bag and
-    gets the corrected wrench on a topic of its own, ``output_topic``. What ``external`` makes of
-    the raw wrench comes beside it, in columns ``external_force_x`` … or on EXTERNAL_TOPIC. The
-    target must not exist; for a bag it is a folder, or, with the suffix of the source's storage,
-    one file. ``correct`` gets consecutive pieces, NaN for absent axes. RecordingError when the
-    source cannot be read or the target cannot be made; a failure leaves nothing behind.
+    gets the corrected wrench on a topic of its own, ``output_topic``. The target must not exist;
+    for a bag it is a folder, or, with the suffix of the source's storage, one file. ``correct``
+    gets consecutive pieces, NaN for absent axes. RecordingError when the source cannot be read or
+    the target cannot be made; a failure leaves nothing behind.
     """
     source, target, topics = Path(source), Path(target), topics or Topics()
-    outputs = {output_topic: correct, **({EXTERNAL_TOPIC: external} if external else {})}
-    copy = check_copy(source, target, list(outputs))
+    copy = check_copy(source, target, output_topic)
     with writing(target):
         target.parent.mkdir(parents=True, exist_ok=True)
     with (
@@ -53,18 +48,18 @@ def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its def
     ):
         made = Path(folder) / target.name
         if isinstance(opened, OpenTable):
-            _write_table(opened, made, [*outputs.values()], progress)
+            _write_table(opened, made, correct, progress)
         else:
-            _write_bag(opened.bag, made, outputs, topics, progress)
+            _write_bag(opened.bag, made, correct, output_topic, topics, progress)
         copy.check_target(target)
         made.rename(target)
         return opened.warnings
 
 
 def check_copy(
-    source: Path, target: Path, topics: Sequence[str] = (), others: Sequence[Path] = ()
+    source: Path, target: Path, output_topic: str, others: Sequence[Path] = ()
 ) -> Output:
-    """Refuse a target of a copy, or topics that are added to it, before anything is read."""
+    """Refuse a target of a copy, or a topic that is added to it, before anything is read."""
     copy = Output(name='copy', endings='.csv')
     with open_recording(source, Topics()) as opened:
         if isinstance(opened, OpenTable):
@@ -73,22 +68,21 @@ def check_copy(
         else:
             bag = opened.bag
             taken = {connection.topic.strip('/') for connection in bag.connections}
-            for topic in topics:
-                if topic.strip('/') in taken:
-                    raise OutputError(
-                        f'{bag.name} holds {topic} already; name another topic for the output.'
-                    )
-                taken.add(topic.strip('/'))
+            if output_topic.strip('/') in taken:
+                raise OutputError(
+                    f'{bag.name} holds {output_topic} already; name another topic for the output.'
+                )
             (ending,) = (end for end, storage in SUFFIXES.items() if storage == bag.storage)
             copy = replace(copy, endings=ending)
     copy.check_target(target, [source, *others])
     return copy
 
 
-def _write_bag(
+def _write_bag(  # noqa: PLR0913, PLR0917 -- as rewrite_recording
     bag: Bag,
     target: Path,
-    outputs: Mapping[str, Correction],
+    correct: Correction,
+    output_topic: str,
     topics: Topics,
     progress: Progress | None,
 ) -> None:
@@ -99,32 +93,24 @@ def _write_bag(
     numbers = {wrench.id for wrench in wrenches}
     with backend().write_bag(folder, bag, '' if bare else bag.compression) as (add, write):
         copies = {c.id: add(c, c.topic, c.msgtype) for c in bag.connections}
-        added = [add(wrenches[0], f'/{name.strip("/")}', cdr.WRENCH) for name in outputs]
+        added = add(wrenches[0], f'/{output_topic.strip("/")}', cdr.WRENCH)
         for batch in bag.batches(bag.connections, progress):
             messages = [data for connection, _, data in batch if connection.id in numbers]
-            columns = []
+            corrected = iter(list[bytes]())
             if messages:
-                stamps_ns, raw = decode(bag, wrenches[0], messages)
-            for correct in outputs.values() if messages else ():
-                wrench = correct(stamps_ns, raw)
-                # A correction that gives NaN for a finite wrench has none at this time.
-                lost = np.asarray(np.isnan(wrench).any(axis=1) & np.isfinite(raw).all(axis=1))
-                pairs = zip(cdr.encode_many(messages, wrench), lost.tolist(), strict=True)
-                columns.append([None if is_lost else message for message, is_lost in pairs])
-            corrected = zip(*columns, strict=True)
+                wrench = correct(*decode(bag, wrenches[0], messages))
+                corrected = iter(cdr.encode_many(messages, wrench))
             for connection, time_ns, data in batch:
                 write(copies[connection.id], time_ns, data)
                 if connection.id in numbers:
-                    for output, message in zip(added, next(corrected), strict=True):
-                        if message is not None:
-                            write(output, time_ns, message)
+                    write(added, time_ns, next(corrected))
     if bare:
         (made,) = folder.glob(f'*{target.suffix}')
         made.rename(target)
 
 
 def _write_table(
-    source: OpenTable, target: Path, corrections: Sequence[Correction], progress: Progress | None
+    source: OpenTable, target: Path, correct: Correction, progress: Progress | None
 ) -> None:
     """Write our own columns; an empty one says that they are compensated."""
     import pandas  # noqa: PLC0415 -- a bag is copied without it
@@ -138,13 +124,12 @@ def _write_table(
         frame = frame.reindex(columns=['stamp_ns', *channels, *empty])
         wrench = frame.reindex(columns=AXES).to_numpy(float)
         filled = ~np.isnan(wrench).all(axis=1)
-        for prefix, correction in zip(('', 'external_'), corrections, strict=False):
-            corrected = wrench.copy()
-            if filled.any():
-                corrected[filled] = correction(rows.stamps_ns[filled], wrench[filled])
-            corrected[np.isnan(wrench)] = np.nan
-            for axis in (axis for axis in AXES if axis in channels):
-                frame[prefix + axis] = corrected[:, AXES.index(axis)]
+        corrected = wrench.copy()
+        if filled.any():
+            corrected[filled] = correct(rows.stamps_ns[filled], wrench[filled])
+        corrected[np.isnan(wrench)] = np.nan
+        for axis in (axis for axis in AXES if axis in channels):
+            frame[axis] = corrected[:, AXES.index(axis)]
         frame.to_csv(target, mode='a', index=False, header=not number, lineterminator='\n')
     if len(source.tables) > 1:
         frame = pandas.read_csv(target, float_precision='round_trip', dtype={'stamp_ns': np.int64})

@@ -30,7 +30,6 @@ from wrist_ft_comp.stored.recording_writer import sensor_in
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
 from wrist_ft_comp.stream.tare import initial_tare
 from wrist_ft_comp.units import STAMP, to_celsius
-from wrist_ft_comp.wire.temperature_source import parse_sources
 
 BAG, TABLE = 'rosbag2', 'table'
 #: Rows of a table that are farther apart are those of a log in another unit, s.
@@ -120,7 +119,6 @@ class OpenBag:
 
     def __init__(self, bag: Bag, options: ReadOptions) -> None:
         self.bag, self.name, self.options, self.warnings = bag, bag.name, options, bag.warnings
-        self.sources = parse_sources(options.topics.temperatures)
 
     @property
     def sensor(self) -> SensorNames:
@@ -140,7 +138,6 @@ class OpenTable:
     ) -> None:
         self.tables, self.options = tables, options
         self.name = name or '+'.join(table.name for table in tables)
-        self.sources = ()
         self.names = names = [name for table in tables for name in table.header.names]
         self.columns: list[Placed] = []
         for table in tables:
@@ -300,7 +297,7 @@ def read_opened(
     recording = grid_samples(
         source.options.excerpt.select(source.samples(progress), source.name, first_ns),
         name=source.name, period_s=period_s, max_bad_share=max_bad_share,
-        temperatures=source.sources)  # fmt: skip
+        of_bag=isinstance(source, OpenBag))  # fmt: skip
     sensor, said = source.sensor, {'temperature_topics': source.options.topics.temperatures}
     if problem := order_problem(said, sensor):
         raise RecordingError(f'{source.name} has its thermometers in another order: {problem}')

@@ -6,7 +6,7 @@ fills the cells without a sample.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 import math
 from typing import NamedTuple
@@ -28,8 +28,7 @@ from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import in_order, NO_TIME, SAME_CLOCK_S
 from wrist_ft_comp.stream.temperature_gaps import fill_gaps
 from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
-from wrist_ft_comp.units import unit_remedy
-from wrist_ft_comp.wire.temperature_source import TemperatureSource
+from wrist_ft_comp.units import UNIT_REMEDY
 
 #: Largest number of cells times one more than the thermometers: 24 days at 1 s with one
 #: thermometer, 10 days with four. A calibration from that many takes 1 GB.
@@ -123,9 +122,7 @@ class _Group:
         counts = np.diff(starts, append=len(cells))
         self.sums.append((cells[starts], np.add.reduceat(values, starts, axis=0), counts))
 
-    def judge(
-        self, name: str, max_bad_share: float, source: TemperatureSource | None
-    ) -> Iterator[str]:
+    def judge(self, name: str, max_bad_share: float) -> Iterator[str]:
         """Say what was dropped and what is doubtful; RecordingError where too much was."""
         first, *others = self.channels
         title = f'{first} … {others[-1]} of {name}' if others else f'{first} of {name}'
@@ -143,9 +140,7 @@ class _Group:
             if dropped > max_bad_share * self.samples:
                 remedy = 'Record again, or remove those samples.'
                 if self.of_temperature and not math.isnan(self.first_strange):
-                    column = self.channels[0].removesuffix('c')
-                    in_unit = source.in_unit if source else lambda unit: column + unit.lower()
-                    remedy = unit_remedy(self.first_strange, in_unit)
+                    remedy = UNIT_REMEDY
                 raise RecordingError(
                     f'{sentence}at most {max_bad_share:.1%} may be unusable. {remedy}'
                 )
@@ -171,15 +166,14 @@ def grid_samples(
     name: str = 'recording',
     period_s: float = 1.0,
     max_bad_share: float = 0.01,
-    temperatures: Sequence[TemperatureSource] = (),
+    of_bag: bool = False,
 ) -> Recording:
     """
     Average blocks of samples, those of a channel in order of time, onto the thermal grid.
 
     Cells last ``period_s``. Up to ``max_bad_share`` of a channel's samples may be unusable: they
-    are dropped and reported. ``temperatures`` are where those of a bag come from. RecordingError
-    when more samples are unusable, a thermometer or every axis is missing, or the stamps are no
-    times of one recording.
+    are dropped and reported. RecordingError when more samples are unusable, a thermometer or every
+    axis is missing, or the stamps are no times of one recording.
     """
     if not 1 / NANOSECONDS <= period_s <= PERIODS_S[1]:  # NaN is outside every range
         raise RecordingError(
@@ -190,10 +184,9 @@ def grid_samples(
     for block in blocks:
         group = groups.setdefault(block.channels, _Group(block.channels, period_ns))
         group.add(block.stamps_ns, block.values)
-    sources = {temperature_channel(j): source for j, source in enumerate(temperatures)}
     warnings, parts = list[str](), defaultdict[str, list[CellSums]](list)
     for group in groups.values():
-        warnings += group.judge(name, max_bad_share, sources.get(group.channels[0]))
+        warnings += group.judge(name, max_bad_share)
         for cells, sums, counts in group.sums:
             for channel, column in zip(group.channels, sums.T, strict=True):
                 parts[channel].append(CellSums(cells, column, counts))
@@ -216,7 +209,7 @@ def grid_samples(
         )
     first = max(int(found[channel].cells.min()) for channel in channels)
     last = max(int(sums.cells.max()) for sums in found.values())
-    remedy = '' if temperatures else UNIT_OF_STAMPS
+    remedy = '' if of_bag else UNIT_OF_STAMPS
     warnings += _judge_channels(found, name, period_s, (first, last), remedy)
 
     def table(*channels: str) -> FloatArray:

@@ -164,7 +164,7 @@ def advise(case: Case) -> tuple[str, ...]:
         steps.append(_missing_thermometer(case, unexplained, is_searched=not some_are_good))
     if case.learnt_c and poor and not steps:
         steps.append(
-            f'Much of the drift of {_enumerate(poor)} is left; --verbose says why. '
+            f'Much of the drift of {_enumerate(poor)} is left; a report says why. '
             f'{_CALIBRATE_AGAIN}'
         )
     if harmful := [axis for axis, level in case.levels.items() if level == 'harmful']:

@@ -17,7 +17,7 @@ from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_cells
 from wrist_ft_comp.fit.segments import segment
 from wrist_ft_comp.payload.separation import learn_at_work
-from wrist_ft_comp.recording import Recording, Reference, require_recordings
+from wrist_ft_comp.recording import Recording, Reference
 from wrist_ft_comp.series import FloatArray, rounded
 from wrist_ft_comp.stream.drift_of_recordings import (
     exchange_doubts,
@@ -60,7 +60,6 @@ def evaluate(
     Errors are means over 10 s, or over a thermal cell where that is longer: the same that a
     calibration states its figures of.
     """
-    require_recordings(recordings)
     return judge_errors(
         [tared_errors(model, recording, reference, tare_s) for recording in recordings]
     )

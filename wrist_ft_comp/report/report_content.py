@@ -28,8 +28,6 @@ MOST_ADVICE = 3
 _FIGURES = 'before, left: root mean square.'
 #: Errors below this one, N or N m, are written as 0: no sensor resolves them.
 _RESOLVED = 1e-6
-#: Letters that draw what is left over time, nothing first, and how many means they show.
-_BLOCKS, _SPARKS = '▁▂▃▄▅▆▇█', 12
 #: The entry of an axis that the model does not know.
 _NO_ENTRY = {
     'chosen': 'none', 'reason': '', 'time_constants_s': [], 'candidates': [], 'notes': [],
@@ -54,13 +52,6 @@ class ErrorSeries:
     def noise(self) -> float:
         """Noise of what is left with compensation, in the axis' unit."""
         return noise_level([self.after[self.part == part] for part in np.unique(self.part)])
-
-    def sparkline(self) -> str:
-        """Draw what is left over time in a few letters: nothing, to as much as without (RMS)."""
-        pieces = np.array_split(self.after, min(_SPARKS, len(self.after)))
-        left = np.sqrt([np.mean(piece**2) for piece in pieces])
-        shares = np.minimum(left / max(np.sqrt(np.mean(self.before**2)), 1e-300), 1.0)
-        return ''.join(_BLOCKS[round(share)] for share in (shares * (len(_BLOCKS) - 1)).tolist())
 
 
 @dataclass(frozen=True, eq=False)

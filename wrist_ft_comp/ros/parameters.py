@@ -10,7 +10,7 @@ import math
 from textwrap import fill
 from typing import Any, cast, TypeAlias
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
@@ -165,15 +165,10 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
     """Describe a parameter as ``ros2 param describe`` shows it."""
     unit = f' Unit: {row.unit}.' if row.unit else ''
     when = 'Read at start-up only.' if row.read_only else 'May change at run time.'
-    result = ParameterDescriptor(
+    return ParameterDescriptor(
         name=row.name, type=row.ros_type.value,
         description=f'{row.description}{unit} {when}',
         additional_constraints=f'Must be {row.allowed}.', read_only=row.read_only)  # fmt: skip
-    limits = float(row.minimum), float(row.maximum)
-    if row.ros_type == _Type.DOUBLE and limits != (-math.inf, math.inf):
-        range_ = FloatingPointRange(from_value=limits[0], to_value=limits[1])
-        result.floating_point_range = [range_]
-    return result
 
 
 def _ros_parameter(row: Parameter, value: Value) -> Any:

@@ -5,7 +5,7 @@ The type of a topic is known to the ROS graph once there is a publisher.
 """
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from copy import copy
 import difflib
 from typing import Any
@@ -21,8 +21,7 @@ from rclpy.serialization import serialize_message
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.wire.numbers_in_messages import define_installed, follow, message_class, Path
-from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, path_text
+from wrist_ft_comp.wire.numbers_in_messages import message_class
 
 #: A topic of whatever type is probably meant where its name is as similar as this, 0 to 1.
 _LEAST_SIMILARITY = 0.8
@@ -137,25 +136,12 @@ def other_version(node: Node, topic: str) -> str:
     return ''
 
 
-def wrong_type(node: Node, topic: str, wanted: str, *, propose: bool = False) -> str:
-    """
-    Say that a topic's publishers, if there are any, are not of the type that is wanted.
-
-    With ``propose``, also which entries of temperature_topics take a number in what they send.
-    """
+def wrong_type(node: Node, topic: str, wanted: str) -> str:
+    """Say that a topic's publishers, if there are any, are not of the type that is wanted."""
     types = types_on(node, topic)
     if not types or wanted in types:
         return ''
-    problem = f'{topic} carries {short(types[0])}, not {short(wanted)}'
-    if not propose:
-        return problem
-    paths = list[Path]()
-    with suppress(WristFtCompError):  # of a type that cannot be loaded none is known
-        empty = serialize_message(load_type(topic, types[0])())
-        paths = numbers_in(follow(define_installed(topic, types[0]), types[0], empty))
-    likely = [path for path in paths if may_be_temperature(path)] or paths
-    entries = ' or '.join(f'{topic}:{path_text(path)}' for path in likely[:3])
-    return f'{problem}; write {entries or f"{topic}:FIELD"} to take a number in it'
+    return f'{topic} carries {short(types[0])}, not {short(wanted)}'
 
 
 def why_silent(node: Node, topic: str, wanted: str, incompatible: str) -> str:

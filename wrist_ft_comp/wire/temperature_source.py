@@ -67,11 +67,6 @@ class TemperatureSource:
         """Path of the number, also in a sensor_msgs/Temperature."""
         return self.path or _PLAIN
 
-    def in_unit(self, unit: str) -> str:
-        """Write the entry that reads the same number in another unit."""
-        factor = '' if self.factor == 1 else f'*{self.factor:g}'
-        return f'{self.topic}:{path_text(self.number)}{factor}:{unit}'
-
     def celsius(self, numbers: _Number) -> _Number:
         """Convert the number, or an array of them, to °C."""
         return to_celsius(numbers * self.factor, self.unit)

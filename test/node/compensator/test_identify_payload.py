@@ -63,9 +63,8 @@ def test_a_minute_of_work_gives_the_payload_and_the_next_step(working, minute):
     assert answer.message.startswith(f'identified-1: {kept[1]["mass_kg"]:.3f} ± 0.0')
     assert 'Specific force is turned by roll, pitch, yaw of ' in answer.message
     name = working.node.get_fully_qualified_name()
-    use = f'wrist_ft_comp node set payload.active=identified-1 --name {name}\n'
-    assert use in answer.message
-    assert f"ur_msgs/srv/SetPayload '{{mass: {kept[1]['mass_kg']:.4g}, " in answer.message
+    use = f'ros2 param set {name} payload.active identified-1'
+    assert answer.message.endswith(use)
     assert working.node.external.wanted is False, 'nobody wants wrenches any more'
     assert working.set('payload.active', 'identified-1').successful
     send(working, minute, range(1202, 1210))
