@@ -278,7 +278,7 @@ class DriftTracker:
         return f'all temperatures changed faster in {gap_s:.0f} s than ever: clocks stood still'
 
     def _goes_on(self, gap_s: float, why: str) -> bool:
-        """Decide whether the drift goes on over a gap, which is another one ``why``, and say so."""
+        """Decide whether the drift goes on over a gap, or not, as ``why`` says; say so."""
         memory, by_clock_s = self.awaited or (None, 0.0)
         self.awaited = None
         problem = why_forgotten(gap_s, self.memory_s, by_clock_s) or why

@@ -63,7 +63,7 @@ class SensorWatch:
         self._same: IntArray = np.zeros(len(AXES), np.int64)
         #: The readings of the last two seconds.
         self._lately: deque[FloatArray] = deque(maxlen=2 * _RUN_LOOKS)
-        #: What the free sensor was to read, N and N m, when a reading rested near zero on all axes.
+        #: What the free sensor was to read, N and N m, when a reading rested near zero.
         self._free_at_zero: FloatArray = np.full(len(AXES), np.nan)
         #: Share of the last looks that showed a new value, per axis.
         self._lively: FloatArray = np.zeros(len(AXES))
