@@ -127,5 +127,5 @@ def test_the_excess_is_counted_in_calibrated_ranges_of_at_least_a_kelvin():
 
 
 def test_a_third_output_is_refused():
-    with pytest.raises(ModelFileError, match=r'^An axis has one output .* or two .* got 3\.$'):
+    with pytest.raises(ModelFileError, match='number of outputs'):
         make_axis(outputs=3)

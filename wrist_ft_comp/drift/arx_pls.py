@@ -21,7 +21,7 @@ import sys
 
 import numpy as np
 
-from wrist_ft_comp.errors import check_range, ModelFileError
+from wrist_ft_comp.errors import check_part, check_range
 from wrist_ft_comp.series import FloatArray
 
 #: Most coefficients and longest first lag, cells, of a file's filter: poles and states are
@@ -47,8 +47,7 @@ class Arx:
     first_lag: int = 0
 
     def __post_init__(self) -> None:
-        if self.a.ndim != 1 or self.b.ndim != 1 or not len(self.b):
-            raise ModelFileError('a and b must be lists of numbers, b not empty.')
+        check_part(self.a.ndim == 1 and self.b.ndim == 1 and len(self.b) > 0, 'shape of a or b')
         check_range('first_lag', self.first_lag, 0, _LONGEST_LAG)
         check_range('number of coefficients', max(len(self.a), len(self.b)), 1, _MOST_COEFFICIENTS)
 
@@ -150,22 +149,10 @@ class ArxPls:
             ('output_weight', self.output_weight, (outputs,)),
             ('output_mean', self.output_mean, (outputs,)),
         ):
-            if array.shape != shape:
-                raise ModelFileError(
-                    f'{name} must have shape {shape} to fit {inputs} inputs, {latents} latents '
-                    f'and {outputs} outputs; got {array.shape}.'
-                )
-        if not (self.output_weight > 0).all():
-            raise ModelFileError(
-                f'output_weight must be positive; got {self.output_weight.tolist()}.'
-            )
-        for number, latent in enumerate(self.latents, start=1):
-            radius = np.abs(latent.poles)
-            if len(radius) and radius.max() >= 1:
-                raise ModelFileError(
-                    f'Latent {number} has a pole of radius {radius.max():.6g}; below 1 is needed, '
-                    'or its free run would grow without bound.'
-                )
+            check_part(array.shape == shape, f'shape of {name}')
+        check_part(bool((self.output_weight > 0).all()), 'output_weight')
+        for latent in self.latents:  # with a pole of radius 1, its free run would not end
+            check_part(bool((np.abs(latent.poles) < 1).all()), 'a pole')
 
     @cached_property
     def _filters(self) -> tuple[FloatArray, FloatArray, FloatArray]:
