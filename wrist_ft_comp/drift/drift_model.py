@@ -299,6 +299,13 @@ def skip(
     }
 
 
+def run_to_end(
+    model: DriftModel, state: DriftState, temperature_c: FloatArray
+) -> tuple[DriftState, Drift]:
+    """Advance by N cells, temperatures (N, J), quickly; the drift is that of the last one."""
+    return step(model, skip(model, state, temperature_c[:-1]), temperature_c[-1])
+
+
 def correct(raw: FloatArray, drift: Drift, tare: FloatArray | float = 0.0) -> FloatArray:
     """Remove drift and tare from raw wrenches, shapes (..., 6), N and N m."""
     return np.asarray((raw - drift.zero - tare) / (1.0 + drift.sensitivity))
