@@ -188,8 +188,7 @@ def calibration_content(
             loose.append(axis)
     case = advices.Case(
         recordings, coverage, reference, levels, calibration.warnings,
-        [Path(path) for path, _ in model_sources(stored)],
-        stored.sensor.get('temperature_topics', ()), loose=loose,
+        loose=loose,
         run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     legend, caption, first = _FIGURES, '', next(iter(held.values()))
@@ -270,8 +269,7 @@ def evaluation_content(
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = advices.Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
-        warnings, paths, stored.sensor.get('temperature_topics', ()),
-        beyond=beyond, loose=loose, run=run if is_another_day else '',
+        warnings, beyond=beyond, loose=loose, run=run if is_another_day else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = ' limit: largest error on 9 of 10 days, as the calibration stated it.'
