@@ -92,7 +92,6 @@ ASKED = [
     (ramp(20, 35), LOOSE | JUDGED, 'force_x and force_z is unknown or as large', 'holds'),
     (ramp(20, 35), LOOSE | JUDGED, 'Until then:\nrun x', ''),
     (ramp(20, 35), {'run': 'evaluate m.yaml DAY'}, 'not seen:\nevaluate m.yaml DAY', ''),
-    (ramp(20, 35), {'loose': ['force_z']}, 'limit of force_z is more than half', 'second day'),
 ]  # fmt: skip
 
 

@@ -28,9 +28,6 @@ _SHORTEST_S = 3600.0
 _STEEP_K_PER_H = 2.0
 #: Warming is missing where it is less than this share of cooling, and the other way round.
 _ONE_WAY_SHARE = 0.2
-#: A limit of another day promises little above this share of the largest drift. 34 of 36 good axes
-#: of nine simulated days, each learnt alone, had 0.04 to 0.5; two had 0.54 and 0.84.
-LOOSE_SHARE = 0.5
 #: What is warned of where a load moves (fit/segments.py), and where thermometers are exchanged
 #: (stream/thermometer_faults.py).
 _MOTION = 'swings around its levels'
@@ -93,7 +90,7 @@ class Case:
     learnt_c: Sequence[tuple[float, float]] = ()
     #: Of an evaluation: axes whose errors are above the stated limit, and a text with both.
     beyond: Mapping[str, str] = field(default_factory=dict)
-    #: Good axes whose limit says nothing: it is unknown, or large beside the drift.
+    #: Of an evaluation: good axes whose limit is unknown, or as large as the drift.
     loose: Sequence[str] = ()
 
 
@@ -192,12 +189,7 @@ def _recorded(case: Case) -> Iterator[str]:
             f'The recording ended {ended}: {who} warmed by {up:.1f} K and cooled by {down:.1f} K. '
             f'Let it {other} while recording. A lag can only be measured if it also {ways}.'
         )
-    if case.loose:
-        yield (
-            f'The limit of {_enumerate(case.loose)} is more than half of the whole drift, so it '
-            'promises little. Record on another day and calibrate with both: that lowers it.'
-        )
-    elif len(durations_s) == 1:
+    if len(durations_s) == 1:
         yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
     low_c, high_c = coverage.range_c[coverage.leading]
     where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''

@@ -163,7 +163,6 @@ def calibration_content(
     held = {axis: fit.held_out for axis, fit in fits.items() if fit.held_out}
     axes: list[AxisView] = []
     levels: dict[str, verdicts.Level] = {}
-    loose: list[str] = []
     for axis, fit in fits.items():
         held_out = held[axis]
         # Drift goes further in a day than in a block: what is stated over what was held out.
@@ -184,11 +183,8 @@ def calibration_content(
         # An axis that drifts and was not learnt is explained no better than a weak one.
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
         levels[axis] = 'weak' if verdict.level == 'uncalibrated' and drifts else verdict.level
-        if verdict.level == 'good' and fit.day_limit > advices.LOOSE_SHARE * fit.largest_drift:
-            loose.append(axis)
     case = advices.Case(
         recordings, coverage, reference, levels, calibration.warnings,
-        loose=loose,
         run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     legend, caption, first = _FIGURES, '', next(iter(held.values()))
