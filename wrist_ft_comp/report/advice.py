@@ -22,10 +22,6 @@ _TREND_S = 300.0
 _TIME_CONSTANTS = 4.0
 #: A recording should last for at least this time, s.
 _SHORTEST_S = 3600.0
-#: A recording begins at rest where its temperature rises by less in the first _TREND_S, K/h. Cold
-#: starts of the simulated sensor rise by up to 1.1, without their first half hour by 15 to 28 at
-#: the flange, 2 to 7 inside. Half of it is a warming room; twice misses half of those inside.
-_STEEP_K_PER_H = 2.0
 #: Warming is missing where it is less than this share of cooling, and the other way round.
 _ONE_WAY_SHARE = 0.2
 #: What is warned of where a load moves (fit/segments.py), and where thermometers are exchanged
@@ -46,8 +42,6 @@ class Coverage:
     #: How far the leading thermometer went up, and down, in one recording at most.
     risen_k: float
     fallen_k: float
-    #: How steeply it rises where a recording begins, K/h; 0 unless it rises nowhere faster.
-    begins_k_per_h: float
 
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
@@ -59,15 +53,12 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
     temperature_c = np.concatenate([recording.temperature_c[at] for recording, at in pairs])
     range_c = np.stack((temperature_c.min(axis=0), temperature_c.max(axis=0)), axis=1)
     leading = int(np.argmax(np.ptp(range_c, axis=1)))
-    # Rise and fall, between means of the leading thermometer, and its trend at the beginning.
+    # Rise and fall, between means of the leading thermometer.
     cells = max(round(_TREND_S / recordings[0].period_s), 1)
     means = [bin_means(one.temperature_c[at, leading], at, cells) for one, at in pairs if len(at)]
     moves = [np.diff(of_one) for of_one in means]
     risen_k, fallen_k = (max(float((sign * k).clip(0).sum()) for k in moves) for sign in (1, -1))
-    # A warm-up begins slowly; one that rises fastest at once began earlier.
-    begins_k = [k[0] for k in moves if len(k) > 1 and k[0] == k.max()]
-    steepest_k_per_h = max(begins_k, default=0.0) * 3600 / _TREND_S
-    return Coverage(range_c, leading, risen_k, fallen_k, steepest_k_per_h)
+    return Coverage(range_c, leading, risen_k, fallen_k)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,12 +133,6 @@ def advise(case: Case) -> tuple[str, ...]:
                 'correction is wrong. Name topics or columns in the order of the calibration.'
             )
         steps += _judged(case, outside)
-    elif poor and (k_per_h := case.coverage.begins_k_per_h) > _STEEP_K_PER_H:
-        steps.append(
-            f'The temperature rises by {k_per_h:.0f} K/h from the first minutes on. If something '
-            'was switched on earlier than the recording, the beginning of the warm-up is '
-            'missing: switch the robot off for two hours, start recording, then switch it on.'
-        )
     some_are_good = 'good' in case.levels.values()
     if unexplained and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
         count, axes = len(case.coverage.range_c), _enumerate(unexplained)
