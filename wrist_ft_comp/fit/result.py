@@ -2,19 +2,16 @@
 
 from dataclasses import dataclass, field, replace
 from html import escape
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-import wrist_ft_comp
 from wrist_ft_comp.channels import SensorNames
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
-from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray, rounded
 
 #: A model that leaves this many times what no model leaves does harm; less may be chance.
@@ -149,8 +146,6 @@ class Calibration:
     separation: Separation | None = None
     #: What the recordings call the sensor, the first one where they differ.
     sensor: SensorNames = field(default_factory=dict)
-    #: What it was learnt from.
-    recordings: tuple[Recording, ...] = ()
 
     def __repr__(self) -> str:
         figures = ', '.join(
@@ -167,12 +162,3 @@ class Calibration:
             cells = ('–' if np.isnan(figure) else rounded(figure) for figure in figures)
             rows.append(f'<tr><th>{escape(axis)}<td>{escape(fit.unit)}<td>{"<td>".join(cells)}')
         return f'<table>{"".join(rows)}</table>'
-
-    def report(self, path: Path | str) -> None:
-        """
-        Write the HTML report, such as day.html, and beside it the model that it is of, day.yaml.
-
-        OutputError or ModelFileError where another file is in the place of one of them.
-        """
-        stored = wrist_ft_comp.save_model(Path(path).with_suffix('.yaml'), self)
-        wrist_ft_comp.write_report(path, stored, self, self.recordings)
