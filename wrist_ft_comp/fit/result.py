@@ -1,7 +1,6 @@
 """What a calibration found: records for the model file, the report and the summary."""
 
 from dataclasses import dataclass, field, replace
-from html import escape
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +11,7 @@ from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
-from wrist_ft_comp.series import FloatArray, IntArray, rounded
+from wrist_ft_comp.series import FloatArray, IntArray
 
 #: A model that leaves this many times what no model leaves does harm; less may be chance.
 HARMFUL_RATIO = 1.05
@@ -153,12 +152,3 @@ class Calibration:
             for axis, fit in self.fits.items()
         )
         return f'<Calibration of {self.duration_s / 3600:.2f} h: {figures} RMS>'
-
-    def _repr_html_(self) -> str:
-        """Show it in a notebook, as a table."""
-        rows = ['<tr><th>axis<th>unit<th>before, RMS<th>left, RMS<th>limit']
-        for axis, fit in self.fits.items():
-            figures = (fit.rms_before, fit.rms_after, fit.day_limit)
-            cells = ('–' if np.isnan(figure) else rounded(figure) for figure in figures)
-            rows.append(f'<tr><th>{escape(axis)}<td>{escape(fit.unit)}<td>{"<td>".join(cells)}')
-        return f'<table>{"".join(rows)}</table>'
