@@ -8,7 +8,7 @@ from shutil import which
 
 import numpy as np
 
-from wrist_ft_comp.fit.folds import bin_means
+from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.report.evaluation import SAME_K
 from wrist_ft_comp.report.verdict import Level
@@ -46,17 +46,17 @@ class Coverage:
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
     """Count what recordings have seen together; at least one of them must hold a wrench."""
-    pairs = [
-        (recording, np.flatnonzero(np.isfinite(recording.wrench).any(axis=1)))
-        for recording in recordings
-    ]
-    temperature_c = np.concatenate([recording.temperature_c[at] for recording, at in pairs])
-    range_c = np.stack((temperature_c.min(axis=0), temperature_c.max(axis=0)), axis=1)
+    seen_c = []
+    for recording in recordings:
+        has_wrench = np.isfinite(recording.wrench).any(axis=1, keepdims=True)
+        seen_c.append(np.where(has_wrench, recording.temperature_c, np.nan))
+    together_c = np.concatenate(seen_c)
+    range_c = np.stack((np.nanmin(together_c, axis=0), np.nanmax(together_c, axis=0)), axis=1)
     leading = int(np.argmax(np.ptp(range_c, axis=1)))
     # Rise and fall, between means of the leading thermometer.
     cells = max(round(_TREND_S / recordings[0].period_s), 1)
-    means = [bin_means(one.temperature_c[at, leading], at, cells) for one, at in pairs if len(at)]
-    moves = [np.diff(of_one) for of_one in means]
+    means = [mean_over(one_c[:, leading], cells) for one_c in seen_c]
+    moves = [np.diff(of_one[np.isfinite(of_one)]) for of_one in means]
     risen_k, fallen_k = (max(float((sign * k).clip(0).sum()) for k in moves) for sign in (1, -1))
     return Coverage(range_c, leading, risen_k, fallen_k)
 

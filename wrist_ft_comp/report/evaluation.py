@@ -14,7 +14,7 @@ from wrist_ft_comp import errors as refusals
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift, StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
-from wrist_ft_comp.fit.folds import averaged_cells
+from wrist_ft_comp.fit.folds import averaged_cells, mean_over
 from wrist_ft_comp.fit.segments import segment
 from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording, Reference, require_recordings
@@ -121,15 +121,6 @@ def without_steps(recording: Recording, reference: Reference) -> tuple[Recording
     except refusals.CalibrationRefusedError:
         return recording, []
     return still, sentences
-
-
-def mean_over(values: FloatArray, cells: int) -> FloatArray:
-    """Average values by cell, (N, …), over stretches of cells, the last one may be shorter."""
-    starts = np.arange(0, len(values), cells)
-    filled = np.isfinite(values)
-    sums = np.add.reduceat(np.where(filled, values, 0.0), starts, axis=0)
-    counts = np.add.reduceat(filled, starts, axis=0, dtype=np.int64)
-    return np.asarray(np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0))
 
 
 def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]:

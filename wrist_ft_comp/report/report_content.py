@@ -11,7 +11,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.fit.folds import averaged_cells, averaged_s
+from wrist_ft_comp.fit.folds import averaged_cells, averaged_s, mean_over
 from wrist_ft_comp.fit.result import AxisFit, Calibration, HeldOut, rms_by_fold
 from wrist_ft_comp.payload.mounted_payloads import COUNTS
 from wrist_ft_comp.payload.separation import Separation
@@ -19,7 +19,7 @@ from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, Topics
 from wrist_ft_comp.report import advice as advices
 from wrist_ft_comp.report import verdict as verdicts
-from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
+from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredErrors
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level, rounded
 
 #: Most things to do next that are shown at once: the first ones help most.
