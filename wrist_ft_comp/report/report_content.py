@@ -114,8 +114,6 @@ class ReportContent:
     at_work: str = ''
     #: What the figures of the table are, and where the limits of another day hold.
     legend: str = ''
-    #: What else is to be known of the errors over time.
-    caption: str = ''
 
     #: Columns of the table that says whether it is good.
     titles = ('axis', 'unit', 'verdict', 'before', 'left', 'peak left', 'limit')
@@ -187,12 +185,10 @@ def calibration_content(
         recordings, coverage, reference, levels, calibration.warnings,
         run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
-    legend, caption, first = _FIGURES, '', next(iter(held.values()))
+    legend, first = _FIGURES, next(iter(held.values()))
     if len(recordings) == 1 and first.tared:
-        count = len(np.unique(first.fold))
-        minutes = recordings[0].duration_s / count / 60
+        minutes = recordings[0].duration_s / len(np.unique(first.fold)) / 60
         legend = f'before: RMS in parts of {minutes:.0f} min. left: RMS, enlarged to a day.'
-        caption = f'The recording was cut into {count} parts; each is tared in its first minute.'
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
@@ -201,8 +197,7 @@ def calibration_content(
         explanation=explain_folds(first, recordings, reference),
         axes=tuple(axes), advice=advices.advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
-        caption=caption, payloads=calibration.payloads,
-        at_work='' if work is None else _at_work(work))  # fmt: skip
+        payloads=calibration.payloads, at_work='' if work is None else _at_work(work))  # fmt: skip
 
 
 def evaluation_content(
