@@ -82,18 +82,10 @@ def tared_errors(
     Subtract the reference from raw and compensated wrenches, both tared, in means over 10 s.
 
     The correction of a cell comes one cell later, as it does in operation. They are tared on the
-    first seconds that hold wrenches; steps of a still load are taken out.
-    Without a recorded reference they are compared with zero; with payload, in cells without
-    contact, with the weight that is found in this recording.
-
-    Raises
-    ------
-    RecordingError
-        When the recording does not fit the model, is shorter than the tare, or holds nothing to
-        compare with.
-    SettingsError
-        When the tare is not longer than 0 s.
-
+    first seconds that hold wrenches; steps of a still load are taken out. Without a recorded
+    reference they are compared with zero; with payload, in cells without contact, with the weight
+    that is found in this recording. RecordingError where the recording does not fit the model, is
+    shorter than the tare, or holds nothing to compare with.
     """
     refusals.check_range('tare_s', tare_s, 0.0, above=True)
     if reference == 'payload':
