@@ -58,6 +58,12 @@ class TareRefusedError(WristFtCompError):
     """The load moved, or no wrenches came, while taring."""
 
 
+def check_part(holds: bool, what: str) -> None:
+    """Refuse a model with a part that contradicts the others; no program writes such."""
+    if not holds:
+        raise ModelFileError(f'{what} cannot be right')
+
+
 def check_range(
     name: str, value: float, least: float, most: float = math.inf, *, above: bool = False
 ) -> None:

@@ -1,15 +1,12 @@
 """The drift of one axis: filters, then features, then dynamics, against the textbook loop."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-import scipy.signal
 
-from wrist_ft_comp.drift import arx_pls
 from wrist_ft_comp.drift.arx_pls import Arx, ArxPls, free_run, relaxation, static_gain
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
@@ -40,15 +37,6 @@ def make_axis(filters=FILTERS, latents=LATENTS, outputs=2):
     )  # fmt: skip
     features = Features('powers', reference_c, lower_c, upper_c, degree=2)
     return AxisModel(features, dynamics, filters)
-
-
-@pytest.fixture(scope='module', params=['by scipy', 'alone'], autouse=True)
-def _filtering(request):
-    """Filter as where scipy is loaded, and as in the node, where it is not."""
-    modules = {'scipy.signal': scipy.signal} if request.param == 'by scipy' else {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(arx_pls, 'sys', SimpleNamespace(modules=modules))
-        yield
 
 
 @pytest.fixture(scope='module')
@@ -127,5 +115,5 @@ def test_the_excess_is_counted_in_calibrated_ranges_of_at_least_a_kelvin():
 
 
 def test_a_third_output_is_refused():
-    with pytest.raises(ModelFileError, match=r'^An axis has one output .* or two .* got 3\.$'):
+    with pytest.raises(ModelFileError, match='number of outputs'):
         make_axis(outputs=3)

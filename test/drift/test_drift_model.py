@@ -67,5 +67,5 @@ def test_uncertainty_is_what_the_model_leaves_and_grows_beyond_the_range(make_mo
 def test_predicted_thermometers_that_do_not_fit_are_refused():
     parts = np.zeros(1), np.zeros((2, 1, 2)), np.zeros(2), *np.ones((3, 2))
     assert ThermometerPrediction(*parts).predict(np.ones((1, 2))).tolist() == [0, 0]
-    with pytest.raises(ModelFileError, match=r'^still_k .* shape \(2,\); got \(3,\)'):
+    with pytest.raises(ModelFileError, match='shape of still_k'):
         ThermometerPrediction(*parts[:3], np.ones(3), *parts[4:])

@@ -28,8 +28,8 @@ OTHER = CalibrationJob(
     settings=CalibrationSettings(
         reference='recorded', min_temperature_span_k=1.25,
         identification=IdentificationSettings(
-            method='filtered_pls', features='hats', degree=3, hat_temperatures_c=(20.0, 35.5),
-            latents=2, orders=(Orders(2, 2, 1), Orders(1, 1, 0, direct=True)),
+            method='filtered_pls', features='hats', degree=3, latents=2,
+            orders=(Orders(2, 2, 1), Orders(1, 1, 0, direct=True)),
         ),
     ),
     period_s=2.5,

@@ -16,12 +16,10 @@ term. A static latent is n = 0, m = 1, g = 0. What runs feeds back its own past 
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate
-import sys
 
 import numpy as np
 
-from wrist_ft_comp.errors import check_range, ModelFileError
+from wrist_ft_comp.errors import check_part, check_range
 from wrist_ft_comp.series import FloatArray
 
 #: Most coefficients and longest first lag, cells, of a file's filter: poles and states are
@@ -47,8 +45,7 @@ class Arx:
     first_lag: int = 0
 
     def __post_init__(self) -> None:
-        if self.a.ndim != 1 or self.b.ndim != 1 or not len(self.b):
-            raise ModelFileError('a and b must be lists of numbers, b not empty.')
+        check_part(self.a.ndim == 1 and self.b.ndim == 1 and len(self.b) > 0, 'shape of a or b')
         check_range('first_lag', self.first_lag, 0, _LONGEST_LAG)
         check_range('number of coefficients', max(len(self.a), len(self.b)), 1, _MOST_COEFFICIENTS)
 
@@ -150,22 +147,10 @@ class ArxPls:
             ('output_weight', self.output_weight, (outputs,)),
             ('output_mean', self.output_mean, (outputs,)),
         ):
-            if array.shape != shape:
-                raise ModelFileError(
-                    f'{name} must have shape {shape} to fit {inputs} inputs, {latents} latents '
-                    f'and {outputs} outputs; got {array.shape}.'
-                )
-        if not (self.output_weight > 0).all():
-            raise ModelFileError(
-                f'output_weight must be positive; got {self.output_weight.tolist()}.'
-            )
-        for number, latent in enumerate(self.latents, start=1):
-            radius = np.abs(latent.poles)
-            if len(radius) and radius.max() >= 1:
-                raise ModelFileError(
-                    f'Latent {number} has a pole of radius {radius.max():.6g}; below 1 is needed, '
-                    'or its free run would grow without bound.'
-                )
+            check_part(array.shape == shape, f'shape of {name}')
+        check_part(bool((self.output_weight > 0).all()), 'output_weight')
+        for latent in self.latents:  # with a pole of radius 1, its free run would not end
+            check_part(bool((np.abs(latent.poles) < 1).all()), 'a pole')
 
     @cached_property
     def _filters(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -193,7 +178,7 @@ class ArxPls:
         Advance by N cells: inputs (N, F), outputs (N, M).
 
         The state is that of filters in transposed direct form II. A few cells are stepped, all
-        latents at once; many are filtered latent by latent.
+        latents at once; many, as in files, are filtered latent by latent.
         """
         numerators, denominators, _ = self._filters
         t = self._scores(x)
@@ -209,10 +194,13 @@ class ArxPls:
                 shifted[:, :-1] = state[:, 1:]
                 state = shifted + delayed - fed_back
             return state, self._outputs(u)
+        # Imported here, because only files are so long: what runs live is light.
+        from scipy.signal import lfilter  # noqa: PLC0415
+
         series = np.ascontiguousarray(t.T)  # (R, N)
         after = np.empty_like(state)
         for r in range(len(self.latents)):
-            series[r], after[r] = _filter(numerators[r], denominators[r], series[r], state[r])
+            series[r], after[r] = lfilter(numerators[r], denominators[r], series[r], zi=state[r])
         return after, self._outputs(series.T)
 
     def skip(self, state: FloatArray, x: FloatArray, cells: int = 1) -> FloatArray:
@@ -249,35 +237,3 @@ class ArxPls:
     def _outputs(self, u: FloatArray) -> FloatArray:
         """Compute y from u, shapes (..., R) to (..., M) (eq. 15)."""
         return np.asarray(self.output_mean + (u @ self.output_loadings.T) / self.output_weight)
-
-
-def _filter(
-    numerator: FloatArray, denominator: FloatArray, t: FloatArray, state: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """
-    Filter a series as scipy.signal.lfilter does; return it and the state.
-
-    lfilter itself would bring most of scipy into the node; where that is loaded, as where models
-    are fitted, it is taken: it is thirty times as fast.
-    """
-    if signal := sys.modules.get('scipy.signal'):
-        filtered, after = signal.lfilter(numerator, denominator, t, zi=state)
-        return np.asarray(filtered), np.asarray(after)
-    lags = len(state)
-    # The state is what inputs and outputs before the series add to its first outputs.
-    u = np.asarray(np.convolve(numerator, t)[: len(t)], dtype=np.float64)
-    u[:lags] += state
-    feedback = np.trim_zeros(denominator[1:], 'b').tolist()
-    if len(feedback) == 1:  # as that of nearly all
-        u = np.array(list(accumulate(u.tolist(), lambda last, now: now - feedback[0] * last)))
-    elif feedback:
-        outputs = [0.0] * len(feedback)
-        for now in u.tolist():
-            past = zip(feedback, reversed(outputs), strict=False)
-            outputs.append(now - sum(a * last for a, last in past))
-        u = np.array(outputs[len(feedback) :])
-    after = [
-        numerator[i + 1 :] @ t[i - lags :][::-1] - denominator[i + 1 :] @ u[i - lags :][::-1]
-        for i in range(lags)
-    ]
-    return u, np.array(after)

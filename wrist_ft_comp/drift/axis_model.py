@@ -14,7 +14,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.arx_pls import Arx, ArxPls, static_gain
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.errors import check_part
 from wrist_ft_comp.series import FloatArray
 
 #: A static gain is 1 as far as files round it.
@@ -36,27 +36,12 @@ class AxisModel:
     filters: tuple[Arx, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.features.width != len(self.dynamics.input_mean):
-            raise ModelFileError(
-                f'The features give {self.features.width} inputs, the dynamics expect '
-                f'{len(self.dynamics.input_mean)}; they must be equal.'
-            )
-        if len(self.dynamics.output_mean) not in (1, 2):
-            raise ModelFileError(
-                'An axis has one output (zero drift) or two (zero and sensitivity drift); got '
-                f'{len(self.dynamics.output_mean)}.'
-            )
-        if self.filters and self.features.thermometers % len(self.filters):
-            raise ModelFileError(
-                f'{len(self.filters)} filters cannot give {self.features.thermometers} filtered '
-                'temperatures; it must be a multiple.'
-            )
-        for number, dynamics in enumerate(self.filters, start=1):
-            if abs(dynamics.gain - 1.0) > _UNIT_GAIN_TOLERANCE:
-                raise ModelFileError(
-                    f'Filter {number} has the static gain {dynamics.gain:.6g}; it must be 1, or '
-                    'filtered temperatures would not be temperatures.'
-                )
+        check_part(self.features.width == len(self.dynamics.input_mean), 'number of features')
+        check_part(self.outputs in (1, 2), 'number of outputs')
+        remainder = self.features.thermometers % max(len(self.filters), 1)
+        check_part(remainder == 0, 'number of filters')
+        for dynamics in self.filters:
+            check_part(abs(dynamics.gain - 1.0) <= _UNIT_GAIN_TOLERANCE, 'gain of a filter')
         _ = self._filter_bank  # refuses unstable filters now, not in the first step
 
     @property

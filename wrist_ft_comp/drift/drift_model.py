@@ -14,7 +14,7 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, SENSOR_FACTS, SensorNames
 from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.errors import ModelFileError, SettingsError
+from wrist_ft_comp.errors import check_part, SettingsError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 
@@ -56,13 +56,9 @@ class ThermometerPrediction:
             ('silence_s', (thermometers,)),
             ('agree_k', (thermometers,)),
         ):
-            if getattr(self, name).shape != shape:
-                raise ModelFileError(
-                    f'{name} of the predicted thermometers must have shape {shape}; got '
-                    f'{getattr(self, name).shape}. Restore the file.'
-                )
-            if name != 'gains' and not (getattr(self, name) >= 0).all():
-                raise ModelFileError(f'{name} of the predicted thermometers must not be negative.')
+            values = getattr(self, name)
+            check_part(values.shape == shape, f'shape of {name}')
+            check_part(name == 'gains' or bool((values >= 0).all()), name)
 
     def relax(self, relaxed_c: FloatArray, temperature_c: FloatArray, time_s: float) -> FloatArray:
         """Let relaxed temperatures, (K, J), follow constant ones, °C, (J,), for some time, s."""
@@ -101,19 +97,13 @@ class DriftModel:
     stands_s: Sequence[float | None] = ()
 
     def __post_init__(self) -> None:
-        if self.thermometers < 1:
-            raise ModelFileError('A model needs at least one thermometer; got none.')
-        if self.prediction and len(self.prediction.constant_c) != self.thermometers:
-            raise ModelFileError('The prediction must be of as many thermometers.')
+        predicted = len(self.prediction.constant_c) if self.prediction else self.thermometers
+        counts = [predicted, *(axis.thermometers for axis in self.axes.values())]
+        check_part(
+            self.thermometers > 0 and set(counts) == {self.thermometers}, 'number of thermometers'
+        )
         for name in (*self.axes, *self.deviation):
-            if name not in AXES:
-                raise ModelFileError(f'Unknown axis {name!r}; expected one of {", ".join(AXES)}.')
-        for name, axis in self.axes.items():
-            if axis.thermometers != self.thermometers:
-                raise ModelFileError(
-                    f'{name} expects {axis.thermometers} thermometers, the model has '
-                    f'{self.thermometers}.'
-                )
+            check_part(name in AXES, f'the axis {name}')
 
     @property
     def start_cells(self) -> int:
@@ -309,6 +299,13 @@ def skip(
     return {
         name: axis.skip(state[name], temperature_c, cells) for name, axis in model.axes.items()
     }
+
+
+def run_to_end(
+    model: DriftModel, state: DriftState, temperature_c: FloatArray
+) -> tuple[DriftState, Drift]:
+    """Advance by N cells, temperatures (N, J), quickly; the drift is that of the last one."""
+    return step(model, skip(model, state, temperature_c[:-1]), temperature_c[-1])
 
 
 def correct(raw: FloatArray, drift: Drift, tare: FloatArray | float = 0.0) -> FloatArray:

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from wrist_ft_comp.errors import check_range, SettingsError
+from wrist_ft_comp.errors import check_part, check_range
 from wrist_ft_comp.series import FloatArray
 
 #: Features follow temperatures up to this share of the calibrated span beyond it: farther out is a
@@ -44,24 +44,12 @@ class Features:
     def __post_init__(self) -> None:
         check_range('degree', self.degree, 1, _HIGHEST_DEGREE)
         for name in ('reference_c', 'lower_c', 'upper_c'):
-            if getattr(self, name).shape != (len(self.reference_c),):
-                raise SettingsError(f'{name} must hold a number for each thermometer.')
+            check_part(getattr(self, name).shape == (len(self.reference_c),), f'length of {name}')
         if self.kind == 'hats':
-            if len(self.knots_c) != len(self.reference_c):
-                raise SettingsError(
-                    f'Hat functions need knots for each of {len(self.reference_c)} thermometers; '
-                    f'got knots for {len(self.knots_c)}.'
-                )
+            check_part(len(self.knots_c) == len(self.reference_c), 'length of knots_c')
             for knots in self.knots_c:
-                if len(knots) < 2 or not (np.diff(knots) > 0).all():
-                    raise SettingsError(
-                        'Hat functions need at least two increasing temperatures per thermometer; '
-                        f'got {[float(knot) for knot in knots]}.'
-                    )
-        if not (self.lower_c <= self.upper_c).all():
-            raise SettingsError(
-                f'The calibrated range must not be empty; got {self.lower_c} … {self.upper_c} °C.'
-            )
+                check_part(len(knots) > 1 and bool((np.diff(knots) > 0).all()), 'knots_c')
+        check_part(bool((self.lower_c <= self.upper_c).all()), 'the calibrated range')
 
     @property
     def thermometers(self) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.fit.axis_data import AxisData, FOLDS
-from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tared_means
+from wrist_ft_comp.fit.folds import averaged_cells, mean_over, tared_means
 from wrist_ft_comp.fit.result import AxisFit, Candidate, HeldOut
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, ROUNDING
@@ -122,10 +122,11 @@ def late_errors(model: AxisModel, recordings: Sequence[Recording]) -> FloatArray
     for recording in recordings:
         start = model.start(recording.temperature_c[0])
         drift = model.run(start, recording.temperature_c)[1][:, 0]
-        cells = np.arange(2, len(drift))
-        late = drift[2:] - (drift[1:-1] + drift[:-2]) / 2
-        errors.append(bin_means(late, cells, averaged_cells(recording.period_s)))
-    return np.concatenate(errors)
+        late = np.full(len(drift), np.nan)
+        late[2:] = drift[2:] - (drift[1:-1] + drift[:-2]) / 2
+        errors.append(mean_over(late, averaged_cells(recording.period_s)))
+    together = np.concatenate(errors)
+    return np.asarray(together[np.isfinite(together)])
 
 
 def day_limit(data: AxisData, rms: float) -> float:

@@ -25,7 +25,7 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.another_day import state_fit
 from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, build_features
-from wrist_ft_comp.fit.folds import bin_means, hold_out, tare
+from wrist_ft_comp.fit.folds import hold_out, mean_over, tare
 from wrist_ft_comp.fit.result import AxisFit, HeldOut, rms_by_fold
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, ROUNDING
@@ -174,7 +174,7 @@ def _compared_squares(errors: FloatArray, bin_s: float) -> FloatArray:
     precision[0] = 0.0
     level = np.linalg.solve(phi.T @ phi + np.diag(precision), phi.T @ errors)
     width = max(1, min(round(_COMPARED_S / bin_s), count // BINS_PER_FOLD))
-    means = bin_means(errors - phi @ level, np.arange(count), width)
+    means = mean_over(errors - phi @ level, width)
     return np.asarray((means**2).mean(axis=0) + precision @ level**2 / count)
 
 

@@ -192,9 +192,7 @@ def build_features(
         present = np.isfinite(np.concatenate(residual)) if residual else slice(None)
         for column in everything[present].T:
             plateaus = np.unique(column)
-            if settings.hat_temperatures_c:
-                plateaus = np.array(settings.hat_temperatures_c, dtype=float)
-            elif len(plateaus) == 1:
+            if len(plateaus) == 1:
                 plateaus = plateaus[0] + np.array([0.0, 1.0])  # a constant needs a hat, too
             elif len(plateaus) > MOST_PLATEAUS:
                 plateaus = np.linspace(plateaus[0], plateaus[-1], MOST_PLATEAUS // 2)

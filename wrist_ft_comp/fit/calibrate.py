@@ -47,7 +47,6 @@ def calibrate(
     progress = progress or (lambda _: None)
     reference = settings.reference
     # Check.
-    given = tuple(recordings)
     axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
     duration_s = sum(recording.duration_s for recording in recordings)
     ranges_c = checks.check_recordings(recordings, reference, settings.min_temperature_span_k)
@@ -78,7 +77,7 @@ def calibrate(
         model=model, fits=fits, temperature_range_c=ranges_c, duration_s=duration_s,
         warnings=tuple(warnings), sources=tuple(recording.name for recording in recordings),
         settings=settings, payloads=work.payloads if work else None, separation=work,
-        sensor=ChainMap(*map(dict, sensors.values())), recordings=given)  # fmt: skip
+        sensor=ChainMap(*map(dict, sensors.values())))  # fmt: skip
 
 
 def _learn(

@@ -74,10 +74,10 @@ def fold_means(
     plateaus.
     """
     inside, finite = data.folds[recording] == fold, np.isfinite(values)
-    rows = np.flatnonzero(inside & finite)
-    cells, means = (
-        bin_means(part, rows, data.bin_cells) for part in (rows.astype(float), values[rows])
-    )
+    numbered = np.stack((np.arange(len(values)), values), axis=1)
+    numbered[~(inside & finite)] = np.nan
+    both = mean_over(numbered, data.bin_cells)
+    cells, means = both[np.isfinite(both[:, 0])].T
     if data.tared:
         return cells, tare(means, data.bin_s)
     return cells, means - values[~inside & finite].mean()
@@ -90,21 +90,18 @@ def tare(values: FloatArray, period_s: float) -> FloatArray:
 
 def tared_means(values: FloatArray, cells: int, period_s: float) -> FloatArray:
     """Average a recording, (N,), over bins of cells, where it is finite, and tare it: (n,)."""
-    rows = np.flatnonzero(np.isfinite(values))
-    if not len(rows):
-        return values[rows]
-    return tare(bin_means(values[rows], rows, cells), cells * period_s)
+    means = mean_over(values, cells)
+    means = means[np.isfinite(means)]
+    return tare(means, cells * period_s) if len(means) else means
 
 
-def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray:
-    """Average samples, (n, …), over bins of consecutive cells, whose numbers, (n,), increase."""
-    if bin_cells <= 1:
-        return values
-    bins = cells // bin_cells
-    starts = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))
-    counts = np.diff(starts, append=len(bins))
-    sums = np.add.reduceat(values, starts, axis=0)
-    return np.asarray(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
+def mean_over(values: FloatArray, cells: int) -> FloatArray:
+    """Average values by cell, (N, …), over stretches of cells, the last one may be shorter."""
+    starts = np.arange(0, len(values), cells)
+    filled = np.isfinite(values)
+    sums = np.add.reduceat(np.where(filled, values, 0.0), starts, axis=0)
+    counts = np.add.reduceat(filled, starts, axis=0, dtype=np.int64)
+    return np.asarray(np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0))
 
 
 def hold_out(data: AxisData, cells: Sequence[FloatArray], errors: Sequence[FloatArray]) -> HeldOut:

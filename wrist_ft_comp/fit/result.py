@@ -1,21 +1,17 @@
 """What a calibration found: records for the model file, the report and the summary."""
 
 from dataclasses import dataclass, field, replace
-from html import escape
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-import wrist_ft_comp
 from wrist_ft_comp.channels import SensorNames
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
-from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import FloatArray, IntArray, rounded
+from wrist_ft_comp.series import FloatArray, IntArray
 
 #: A model that leaves this many times what no model leaves does harm; less may be chance.
 HARMFUL_RATIO = 1.05
@@ -149,8 +145,6 @@ class Calibration:
     separation: Separation | None = None
     #: What the recordings call the sensor, the first one where they differ.
     sensor: SensorNames = field(default_factory=dict)
-    #: What it was learnt from.
-    recordings: tuple[Recording, ...] = ()
 
     def __repr__(self) -> str:
         figures = ', '.join(
@@ -158,21 +152,3 @@ class Calibration:
             for axis, fit in self.fits.items()
         )
         return f'<Calibration of {self.duration_s / 3600:.2f} h: {figures} RMS>'
-
-    def _repr_html_(self) -> str:
-        """Show it in a notebook, as a table."""
-        rows = ['<tr><th>axis<th>unit<th>before, RMS<th>left, RMS<th>limit']
-        for axis, fit in self.fits.items():
-            figures = (fit.rms_before, fit.rms_after, fit.day_limit)
-            cells = ('–' if np.isnan(figure) else rounded(figure) for figure in figures)
-            rows.append(f'<tr><th>{escape(axis)}<td>{escape(fit.unit)}<td>{"<td>".join(cells)}')
-        return f'<table>{"".join(rows)}</table>'
-
-    def report(self, path: Path | str) -> None:
-        """
-        Write the HTML report, such as day.html, and beside it the model that it is of, day.yaml.
-
-        OutputError or ModelFileError where another file is in the place of one of them.
-        """
-        stored = wrist_ft_comp.save_model(Path(path).with_suffix('.yaml'), self)
-        wrist_ft_comp.write_report(path, stored, self, self.recordings)

@@ -3,8 +3,6 @@
 from dataclasses import dataclass, field
 from typing import get_args, Literal
 
-import numpy as np
-
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import check_range, SettingsError
 from wrist_ft_comp.recording import Reference
@@ -57,8 +55,6 @@ class IdentificationSettings:
     #: Highest power of temperature, 1 to 4; auto and arx_pls_oe also try the lower ones. None
     #: means 3 for auto, which shrinks gains of high powers, and 2 for the others.
     degree: int | None = None
-    #: Knots of the hats, °C, for every thermometer; empty takes the plateaus that were seen.
-    hat_temperatures_c: tuple[float, ...] = ()
     #: Number of latents of the paper's methods; None lets held-out folds choose.
     latents: int | None = None
     #: Orders of each latent of arx_pls, or one for all; empty lets held-out folds choose.
@@ -79,12 +75,6 @@ class IdentificationSettings:
             raise SettingsError(
                 f'Orders of {len(self.orders)} latents do not fit {self.latents} latents; give '
                 'them once for all latents, or once per latent.'
-            )
-        knots = np.array(self.hat_temperatures_c, dtype=float)
-        if len(knots) == 1 or not (np.isfinite(knots).all() and (np.diff(knots) > 0).all()):
-            raise SettingsError(
-                f'hat_temperatures_c needs at least 2 temperatures that ascend; got '
-                f'{knots.tolist()}.'
             )
 
     @property

@@ -1,13 +1,9 @@
 """
 Which days are learnt from: those set aside by an incident, the worthiest, and those deleted.
 
-Two tests find what changes the sensor. The gains, A of r = A · f with the specific force f, are
-s · R times those of a day before: the same payloads where the factor s is 1 and the rotation R is
-none, another gain or mounting elsewhere, and another tool where no s and R fit. The zero jumped
-where a reading steps and stays, unless the step takes all axes to zero, as a tare does.
-
-What changes the sensor stops learning until three more days have had no incident, or a person
-decides. No day is forgotten.
+Two tests find what changes the sensor: the payloads' gains are s · R times those of a day before,
+or the reading steps and stays, other than by a tare. That stops learning until three more days
+have had no incident, or a person decides. No day is forgotten.
 """
 
 from collections import Counter

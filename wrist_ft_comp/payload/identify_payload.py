@@ -1,11 +1,8 @@
 """
 Identify one payload in a minute of motion, from which the drift was subtracted before.
 
-A minute is separated by the same fit as a day, but starts from another point. A minute holds a few
-poses only, and a contact may last for the whole of one pose. Started like a day, from a fit to all
-cells, 8 of 30 minutes with 15 % of contact were refused, and 2 otherwise (bench/accuracy's
-identify.py). So the start is the best of many fits to a few cells each; what counts is how many
-poses a fit explains, not for how long.
+A minute is separated as a day is, but it holds a few poses, and a contact may last for the whole
+of one. So the start is the best of many fits to a few cells each, by the poses that it explains.
 """
 
 from dataclasses import dataclass, replace

@@ -1,13 +1,9 @@
 """
-Fit rigid bodies to gains of specific force.
+Fit rigid bodies to gains of specific force, (6, 3).
 
-The gains of a rigid body, 6 numbers for every direction of the specific force, are
-[-m R; -m [c]× R]: mass m, centre of mass c, and the rotation R from the frame of the specific
-force to that of the wrench, which all bodies share. The fit starts from the polar factor of the
-block of forces. Every gain counts by how well it is known; in a direction that was never seen it
-does not count at all. Each axis of the sensor may have a gain error of about _SENSOR_GAIN, because
-the sensor's own calibration is no better, above all at the temperatures of these recordings. The
-standard errors of the bodies contain that error, and grow with what no rigid body explains.
+Those of a body are [-m R; -m [c]× R]: mass m, centre of mass c, and the rotation R from the frame
+of the specific force to that of the wrench, which all bodies share. A direction counts by how well
+it is known. Each axis of the sensor may have a gain error of its own, of about _SENSOR_GAIN.
 """
 
 from dataclasses import dataclass

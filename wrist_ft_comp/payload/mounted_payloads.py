@@ -1,13 +1,10 @@
 """
 Find how many payloads there are, which one is mounted in every cell, and which cells are contacts.
 
-A recording's raw wrench is r(t) = c + o(T) + a_k f(t) + contact + noise, with the gains a_k (6, 3)
-of payload state k and the specific force f. Cells are cut into blocks of minutes, in which a
-parabola, the level, stands for o and c together: neither temperatures nor tares have to be
-understood before the payloads are. What remains are differences between poses, which only payloads
-and contacts make. A cell in contact is an outlier in all axes at once, and loses its robust
-weight. Gains, states, levels and weights are fitted by turns, while the width of the weight falls
-to WIDTH_SIGMA. Another state is added where it explains more of blocks that it was not fitted to.
+The raw wrench is r(t) = c + o(T) + a_k f(t) + contact + noise, with the gains a_k (6, 3) of the
+payload state k. In blocks of minutes a parabola, the level, stands for c + o(T). What remains are
+differences between poses, of payloads and of contacts: outliers of all axes at once. Gains,
+states, levels and robust weights are fitted by turns.
 """
 
 from collections.abc import Iterable, Sequence

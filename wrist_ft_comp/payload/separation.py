@@ -1,16 +1,8 @@
 """
 What is learnt from recordings at work: payloads, apart from contacts, tares and drift.
 
-1. Bias and scale of the accelerometer are fitted to its norm at rest.
-2. Payload states, gains of specific force and robust weights of cells are fitted.
-3. Steps that no payload explains are tares of the driver (``zero_steps.py``), and are taken out.
-   Each gives the later fit of the drift a constant of its own, so a wrong one costs little.
-4. In the result, readings are NaN where a contact, a fast turn or a change of the payload was. The
-   payload's weight is the reference, from which gain drift is learnt.
-
-Steps 2 to 4 are done again when the drift is roughly known, from its slowness or by a model of the
-first result: sudden heat does not look like a step then, nor a long press like drift. Doubts are
-sentences with numbers, so that nothing fails in silence.
+The steps are those of docs/algorithm.md, section 9. In the result, readings are NaN where a
+contact, a fast turn or a change of the payload was, and the payload's weight is the reference.
 """
 
 from collections.abc import Callable, Sequence

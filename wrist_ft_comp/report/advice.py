@@ -1,20 +1,15 @@
 """What recordings have seen, and what to do next: one list, the most useful first."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 import json
-from pathlib import Path
 import shlex
 from shutil import which
 
 import numpy as np
 
-from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.fit.folds import bin_means
+from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import Recording, Reference, Topics
-from wrist_ft_comp.recordings.bag_topics import survey_bag, TEMPERATURE
-from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.evaluation import SAME_K
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
@@ -27,15 +22,8 @@ _TREND_S = 300.0
 _TIME_CONSTANTS = 4.0
 #: A recording should last for at least this time, s.
 _SHORTEST_S = 3600.0
-#: A recording begins at rest where its temperature rises by less in the first _TREND_S, K/h. Cold
-#: starts of the simulated sensor rise by up to 1.1, without their first half hour by 15 to 28 at
-#: the flange, 2 to 7 inside. Half of it is a warming room; twice misses half of those inside.
-_STEEP_K_PER_H = 2.0
 #: Warming is missing where it is less than this share of cooling, and the other way round.
 _ONE_WAY_SHARE = 0.2
-#: A limit of another day promises little above this share of the largest drift. 34 of 36 good axes
-#: of nine simulated days, each learnt alone, had 0.04 to 0.5; two had 0.54 and 0.84.
-LOOSE_SHARE = 0.5
 #: What is warned of where a load moves (fit/segments.py), and where thermometers are exchanged
 #: (stream/exchanged_thermometers.py).
 _MOTION = 'swings around its levels'
@@ -54,28 +42,23 @@ class Coverage:
     #: How far the leading thermometer went up, and down, in one recording at most.
     risen_k: float
     fallen_k: float
-    #: How steeply it rises where a recording begins, K/h; 0 unless it rises nowhere faster.
-    begins_k_per_h: float
 
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
     """Count what recordings have seen together; at least one of them must hold a wrench."""
-    pairs = [
-        (recording, np.flatnonzero(np.isfinite(recording.wrench).any(axis=1)))
-        for recording in recordings
-    ]
-    temperature_c = np.concatenate([recording.temperature_c[at] for recording, at in pairs])
-    range_c = np.stack((temperature_c.min(axis=0), temperature_c.max(axis=0)), axis=1)
+    seen_c = []
+    for recording in recordings:
+        has_wrench = np.isfinite(recording.wrench).any(axis=1, keepdims=True)
+        seen_c.append(np.where(has_wrench, recording.temperature_c, np.nan))
+    together_c = np.concatenate(seen_c)
+    range_c = np.stack((np.nanmin(together_c, axis=0), np.nanmax(together_c, axis=0)), axis=1)
     leading = int(np.argmax(np.ptp(range_c, axis=1)))
-    # Rise and fall, between means of the leading thermometer, and its trend at the beginning.
+    # Rise and fall, between means of the leading thermometer.
     cells = max(round(_TREND_S / recordings[0].period_s), 1)
-    means = [bin_means(one.temperature_c[at, leading], at, cells) for one, at in pairs if len(at)]
-    moves = [np.diff(of_one) for of_one in means]
+    means = [mean_over(one_c[:, leading], cells) for one_c in seen_c]
+    moves = [np.diff(of_one[np.isfinite(of_one)]) for of_one in means]
     risen_k, fallen_k = (max(float((sign * k).clip(0).sum()) for k in moves) for sign in (1, -1))
-    # A warm-up begins slowly; one that rises fastest at once began earlier.
-    begins_k = [k[0] for k in moves if len(k) > 1 and k[0] == k.max()]
-    steepest_k_per_h = max(begins_k, default=0.0) * 3600 / _TREND_S
-    return Coverage(range_c, leading, risen_k, fallen_k, steepest_k_per_h)
+    return Coverage(range_c, leading, risen_k, fallen_k)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +72,6 @@ class Case:
     levels: Mapping[str, Level]
     #: What was found while reading and fitting, in sentences.
     warnings: Sequence[str]
-    #: Where the recordings lie, and the thermometers of them that were used, as options name them.
-    paths: Sequence[Path] = ()
-    thermometers: Sequence[str] = ()
     #: The command to go on with: it runs a model that was judged, and judges one that was learnt.
     #: Empty where a model was judged on what it was learnt from.
     run: str = ''
@@ -101,7 +81,7 @@ class Case:
     learnt_c: Sequence[tuple[float, float]] = ()
     #: Of an evaluation: axes whose errors are above the stated limit, and a text with both.
     beyond: Mapping[str, str] = field(default_factory=dict)
-    #: Good axes whose limit says nothing: it is unknown, or large beside the drift.
+    #: Of an evaluation: good axes whose limit is unknown, or as large as the drift.
     loose: Sequence[str] = ()
 
 
@@ -153,15 +133,16 @@ def advise(case: Case) -> tuple[str, ...]:
                 'correction is wrong. Name topics or columns in the order of the calibration.'
             )
         steps += _judged(case, outside)
-    elif poor and (k_per_h := case.coverage.begins_k_per_h) > _STEEP_K_PER_H:
-        steps.append(
-            f'The temperature rises by {k_per_h:.0f} K/h from the first minutes on. If something '
-            'was switched on earlier than the recording, the beginning of the warm-up is '
-            'missing: switch the robot off for two hours, start recording, then switch it on.'
-        )
     some_are_good = 'good' in case.levels.values()
     if unexplained and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
-        steps.append(_missing_thermometer(case, unexplained, is_searched=not some_are_good))
+        count, axes = len(case.coverage.range_c), _enumerate(unexplained)
+        who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
+        what = 'any axis' if len(unexplained) == len(case.levels) > 1 else axes
+        steps.append(
+            f'{who} not explain {what} well: heat enters at a place without one. Put another one '
+            'at the flange, where the motor heats it, or opposite; or use one that the recording '
+            'holds, too: wrist_ft_comp show lists them.'
+        )
     if case.learnt_c and poor and not steps:
         steps.append(
             f'Much of the drift of {_enumerate(poor)} is left; a report says why. '
@@ -170,32 +151,6 @@ def advise(case: Case) -> tuple[str, ...]:
     if harmful := [axis for axis, level in case.levels.items() if level == 'harmful']:
         steps.insert(0, f'Do not run this model: it makes {_enumerate(harmful)} worse.')
     return (*steps, *(() if case.learnt_c else _recorded(case)))
-
-
-def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) -> str:
-    """Ask for another thermometer; name one that the bag holds and nobody used."""
-    count, axes = len(case.coverage.range_c), _enumerate(poor)
-    who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
-    what = 'any axis' if len(poor) == len(case.levels) > 1 else axes
-    head = f'{who} not explain {what} well: heat enters at a place without one.'
-    used = {entry.strip('/') for entry in case.thermometers}
-    unused: list[str] = []
-    with suppress(WristFtCompError, OSError):  # the recording may be gone
-        for path in case.paths[:1] if is_searched else ():
-            with open_bag(path) as bag:
-                candidates, _ = survey_bag(bag)
-            unused = [
-                candidate.entry for candidate in candidates
-                if candidate.role == TEMPERATURE and candidate.moves
-                and candidate.entry.strip('/') not in used
-            ]  # fmt: skip
-    if not unused:
-        return f'{head} Put another one at the flange: where the motor heats it, or opposite.'
-    options = (f'--temperature-topic {shlex.quote(e)}' for e in (*case.thermometers, *unused))
-    return (
-        f'{head} {case.paths[0].name} holds {_enumerate(unused)}, too, which was not used. '
-        f'Calibrate with\n{" ".join(options)}'
-    )
 
 
 def _recorded(case: Case) -> Iterator[str]:
@@ -219,12 +174,7 @@ def _recorded(case: Case) -> Iterator[str]:
             f'The recording ended {ended}: {who} warmed by {up:.1f} K and cooled by {down:.1f} K. '
             f'Let it {other} while recording. A lag can only be measured if it also {ways}.'
         )
-    if case.loose:
-        yield (
-            f'The limit of {_enumerate(case.loose)} is more than half of the whole drift, so it '
-            'promises little. Record on another day and calibrate with both: that lowers it.'
-        )
-    elif len(durations_s) == 1:
+    if len(durations_s) == 1:
         yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
     low_c, high_c = coverage.range_c[coverage.leading]
     where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''

@@ -14,7 +14,7 @@ from wrist_ft_comp import errors as refusals
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift, StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
-from wrist_ft_comp.fit.folds import averaged_cells
+from wrist_ft_comp.fit.folds import averaged_cells, mean_over
 from wrist_ft_comp.fit.segments import segment
 from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording, Reference
@@ -81,18 +81,10 @@ def tared_errors(
     Subtract the reference from raw and compensated wrenches, both tared, in means over 10 s.
 
     The correction of a cell comes one cell later, as it does in operation. They are tared on the
-    first seconds that hold wrenches; steps of a still load are taken out.
-    Without a recorded reference they are compared with zero; with payload, in cells without
-    contact, with the weight that is found in this recording.
-
-    Raises
-    ------
-    RecordingError
-        When the recording does not fit the model, is shorter than the tare, or holds nothing to
-        compare with.
-    SettingsError
-        When the tare is not longer than 0 s.
-
+    first seconds that hold wrenches; steps of a still load are taken out. Without a recorded
+    reference they are compared with zero; with payload, in cells without contact, with the weight
+    that is found in this recording. RecordingError where the recording does not fit the model, is
+    shorter than the tare, or holds nothing to compare with.
     """
     refusals.check_range('tare_s', tare_s, 0.0, above=True)
     if reference == 'payload':
@@ -120,15 +112,6 @@ def without_steps(recording: Recording, reference: Reference) -> tuple[Recording
     except refusals.CalibrationRefusedError:
         return recording, []
     return still, sentences
-
-
-def mean_over(values: FloatArray, cells: int) -> FloatArray:
-    """Average values by cell, (N, …), over stretches of cells, the last one may be shorter."""
-    starts = np.arange(0, len(values), cells)
-    filled = np.isfinite(values)
-    sums = np.add.reduceat(np.where(filled, values, 0.0), starts, axis=0)
-    counts = np.add.reduceat(filled, starts, axis=0, dtype=np.int64)
-    return np.asarray(np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0))
 
 
 def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]:

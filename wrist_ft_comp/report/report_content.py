@@ -11,7 +11,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.fit.folds import averaged_cells, averaged_s
+from wrist_ft_comp.fit.folds import averaged_cells, averaged_s, mean_over
 from wrist_ft_comp.fit.result import AxisFit, Calibration, HeldOut, rms_by_fold
 from wrist_ft_comp.payload.mounted_payloads import COUNTS
 from wrist_ft_comp.payload.separation import Separation
@@ -19,7 +19,7 @@ from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, Topics
 from wrist_ft_comp.report import advice as advices
 from wrist_ft_comp.report import verdict as verdicts
-from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
+from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredErrors
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level, rounded
 
 #: Most things to do next that are shown at once: the first ones help most.
@@ -105,8 +105,6 @@ class ReportContent:
     at_work: str = ''
     #: What the figures of the table are, and where the limits of another day hold.
     legend: str = ''
-    #: What else is to be known of the errors over time.
-    caption: str = ''
 
     #: Columns of the table that says whether it is good.
     titles = ('axis', 'unit', 'verdict', 'before', 'left', 'peak left', 'limit')
@@ -154,7 +152,6 @@ def calibration_content(
     held = {axis: fit.held_out for axis, fit in fits.items() if fit.held_out}
     axes: list[AxisView] = []
     levels: dict[str, verdicts.Level] = {}
-    loose: list[str] = []
     for axis, fit in fits.items():
         held_out = held[axis]
         # Drift goes further in a day than in a block: what is stated over what was held out.
@@ -175,20 +172,14 @@ def calibration_content(
         # An axis that drifts and was not learnt is explained no better than a weak one.
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
         levels[axis] = 'weak' if verdict.level == 'uncalibrated' and drifts else verdict.level
-        if verdict.level == 'good' and fit.day_limit > advices.LOOSE_SHARE * fit.largest_drift:
-            loose.append(axis)
     case = advices.Case(
         recordings, coverage, reference, levels, calibration.warnings,
-        [Path(path) for path, _ in model_sources(stored)],
-        stored.sensor.get('temperature_topics', ()), loose=loose,
         run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
-    legend, caption, first = _FIGURES, '', next(iter(held.values()))
+    legend, first = _FIGURES, next(iter(held.values()))
     if len(recordings) == 1 and first.tared:
-        count = len(np.unique(first.fold))
-        minutes = recordings[0].duration_s / count / 60
+        minutes = recordings[0].duration_s / len(np.unique(first.fold)) / 60
         legend = f'before: RMS in parts of {minutes:.0f} min. left: RMS, enlarged to a day.'
-        caption = f'The recording was cut into {count} parts; each is tared in its first minute.'
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
@@ -197,8 +188,7 @@ def calibration_content(
         explanation=explain_folds(first, recordings, reference),
         axes=tuple(axes), advice=advices.advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
-        caption=caption, payloads=calibration.payloads,
-        at_work='' if work is None else _at_work(work))  # fmt: skip
+        payloads=calibration.payloads, at_work='' if work is None else _at_work(work))  # fmt: skip
 
 
 def evaluation_content(
@@ -261,8 +251,7 @@ def evaluation_content(
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = advices.Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
-        warnings, paths, stored.sensor.get('temperature_topics', ()),
-        beyond=beyond, loose=loose, run=run if is_another_day else '',
+        warnings, beyond=beyond, loose=loose, run=run if is_another_day else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = ' limit: largest error on 9 of 10 days, as the calibration stated it.'

@@ -100,9 +100,9 @@ def doubt_start(
 
     def end_of(path_c: FloatArray) -> FloatArray:
         state = drift_model.skip(model, drift_model.at_rest(model, path_c[:1]), path_c, cells)
-        return np.asarray(drift_model.run(model, state, start_c)[1].zero[-1])
+        return drift_model.run_to_end(model, state, start_c)[1].zero
 
     paths_c = [np.clip(start_c[0] - k * before, coldest_c, hottest_c) for k in rates_k if k.any()]
-    soaked = drift_model.run(model, drift_model.at_rest(model, start_c), start_c)[1].zero[-1]
+    soaked = drift_model.run_to_end(model, drift_model.at_rest(model, start_c), start_c)[1].zero
     off = [np.abs(end_of(path_c) - soaked) for path_c in paths_c]
     return np.asarray(np.max([np.zeros(len(AXES)), *off], axis=0))

@@ -255,7 +255,7 @@ class DriftTracker:
             bounds = drift_bounds.bound_drift(
                 model, state, before_c, self.history_c[end:], gap_s, self.memory_s
             )
-            zero = drift_model.run(model, state, line_c)[1].zero[-1]
+            zero = drift_model.run_to_end(model, state, line_c)[1].zero
             ended_ns = self.end_ns - (len(self.history_c) - end) * model.period_ns
             bound = np.abs(bounds - zero).max(axis=0) + self._doubt_mean(model, begin, end)
             left = Uncertainty(ended_ns, bound).left(self.end_ns, self.memory_s)
@@ -299,8 +299,7 @@ class DriftTracker:
             cells_c = np.concatenate((self._start_c, cells_c))
             self._start_c = cells_c[: model.start_cells]
             self.state = drift_model.at_rest(model, self._start_c)
-        before = drift_model.skip(model, self.state, cells_c[:-1])
-        self.state, self.drift = drift_model.step(model, before, cells_c[-1])
+        self.state, self.drift = drift_model.run_to_end(model, self.state, cells_c)
 
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows none."""
