@@ -2,17 +2,15 @@
 
 import json
 import os
-import signal
 import sys
 from threading import Thread
-import time
 from typing import Any
 
 import numpy as np
 
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import run_job
-from wrist_ft_comp.jobs.job_process import CalibrationJob, Minute
+from wrist_ft_comp.jobs.job_process import CalibrationJob, end_with, Minute
 from wrist_ft_comp.jobs.learning_job import learn
 from wrist_ft_comp.payload.identify_payload import CHANNELS, identify
 from wrist_ft_comp.payload.weight import ForceFrame, payload_line
@@ -63,16 +61,9 @@ def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
 def main() -> int:
     """Run one job from standard input, at low priority, and write its outcome; gives 0."""
     os.nice(10)
-    Thread(target=_end_with, args=(int(sys.argv[1]),), daemon=True).start()
+    Thread(target=end_with, args=(int(sys.argv[1]),), daemon=True).start()
     json.dump(answer(from_plain(CalibrationJob, parse_json(sys.stdin.read()))), sys.stdout)
     return 0
-
-
-def _end_with(parent: int) -> None:
-    """End the process when the one that started it has ended: nobody waits for it any more."""
-    while os.getppid() == parent:
-        time.sleep(0.5)
-    os.kill(os.getpid(), signal.SIGTERM)
 
 
 if __name__ == '__main__':

@@ -14,6 +14,7 @@ from pathlib import Path
 import signal
 import subprocess
 from threading import Thread
+import time
 from typing import Any
 
 from wrist_ft_comp import ONE_THREAD
@@ -124,3 +125,10 @@ class JobProcess:
                 self._process.wait(_END_TIMEOUT_S)
                 break
         self._exchange.join(_END_TIMEOUT_S)
+
+
+def end_with(parent: int) -> None:
+    """End this process when the one that started it has ended: nobody waits for it any more."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os.kill(os.getpid(), signal.SIGTERM)

@@ -42,6 +42,10 @@ CHALLENGER = 'challenger'
 #: What happened on a day: nothing; what only that day cannot be learnt from; another tool, whose
 #: drift is learnt all the same; or what changed the sensor, its zero, or its gain or mounting.
 IncidentKind = Literal['', 'unreadable', 'contacts', 'thermometer', 'tool', 'zero', 'sensor']
+#: Days of these kinds are learnt from, ...
+LEARNT_FROM: tuple[IncidentKind, ...] = ('', 'tool')
+#: ... and days of these kinds stop learning.
+PAUSING: tuple[IncidentKind, ...] = ('zero', 'sensor')
 
 
 @dataclass(frozen=True)

@@ -21,19 +21,17 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.day_at_work import Day, describe, left
+from wrist_ft_comp.learning.day_at_work import Day, describe, incident, left
 from wrist_ft_comp.learning.day_choice import (
     ANOTHER_DAY,
     FEWEST_DAYS,
     good_days,
-    incident,
-    LEARNT_FROM,
     MOST_DAYS,
     pause,
     reason,
     worthiest,
 )
-from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, NONE
+from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, LEARNT_FROM, NONE
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift, thermometer_doubts
 
