@@ -33,11 +33,17 @@ def sick(name: str, how: str, least_s: float, most_s: float, *, tare: bool = Fal
 
 
 def one_thermometer(how: str, least_s: float, most_s: float) -> Script:
-    """Let a thermometer do something for some time; nobody can know that a single one froze."""
+    """
+    Let a thermometer do something for some time.
+
+    Nobody can know at once that a single one froze, nor that it came loose while the node was off
+    (docs/reliability.md, "What is not covered").
+    """
 
     def script(robot: Robot) -> Iterator[float]:
         j = int(robot.rng.integers(robot.thermometers))
-        if how != 'frozen' or robot.thermometers > 1:
+        unseen = how == 'frozen' or (how == 'loose' and robot.node is None)
+        if robot.thermometers > 1 or not unseen:
             robot.thermometer[j] = how
             yield robot.between(least_s, most_s)
             robot.thermometer[j] = ''
