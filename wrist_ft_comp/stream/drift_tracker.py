@@ -28,6 +28,8 @@ from wrist_ft_comp.stream.thermometer_faults import (
 #: A shorter gap is not reported, s, though the model may remember less: a thermometer may be read
 #: every five minutes.
 _REPORTED_GAP_S = 600.0
+#: Wrists warm and cool by no more than this, K/s, unless they were seen to.
+_FASTEST_K_S = 0.02
 #: Origin of the drift of a model that has seen no temperature.
 _NOT_YET = 'no temperatures yet'
 #: Origin of the drift of a restarted stream before its first temperature.
@@ -271,8 +273,8 @@ class DriftTracker:
         span = round(SPAN_S * NANOSECONDS / self.grid.period_ns)
         if self.reading_c is None or gap_s <= 0 or len(self.history_c) <= span:
             return ''
-        fastest_k = np.abs(self.history_c[span:] - self.history_c[:-span]).max(axis=0)
-        most_k = JUMP_K + fastest_k * gap_s / SPAN_S
+        seen_k_s = np.abs(self.history_c[span:] - self.history_c[:-span]).max(axis=0) / SPAN_S
+        most_k = JUMP_K + np.maximum(seen_k_s, _FASTEST_K_S) * gap_s
         if (np.abs(cell.temperature_c - self.reading_c) <= most_k).any():
             return ''
         return f'all temperatures changed faster in {gap_s:.0f} s than ever: clocks stood still'

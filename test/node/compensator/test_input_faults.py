@@ -269,7 +269,7 @@ TEMPERATURES = {
     'spike': ([(20, 85.0), *GOOD], 'faster than metal can, from 30.0 to 85.0 °C; that', 5.0),
     'frozen alone': (
         [(second, 30.0 + 0.01 * (min(second, 2000) % 7)) for second in range(20, 3000)],
-        'has read the same for 17 min, ten times as long as in the hour before; is it frozen?',
+        'has read the same for 17 min, ten times as long as before; is it frozen?',
         5.025,
     ),
     'stamp again': ([(0, 44.0)], 'dropped, because their stamps do not increase', 5.0),
