@@ -1,5 +1,7 @@
 """What was seen, what was not, and what a person should record next."""
 
+from contextlib import nullcontext
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -102,12 +104,26 @@ def test_the_command_that_runs_a_model_names_no_topic_that_is_usual(monkeypatch)
         assert run_command(Topics(imu='/imu'), 'm.yaml') == f'{words} -p gravity.source:=imu'
 
 
-def test_the_worst_comes_first(seen):
+def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):
+    def survey(path):
+        assert path == Path('day.mcap')
+        entries = {'/inside': True, '/arm/state:motor temp': True, '/still': False}
+        candidates = [
+            SimpleNamespace(role='temperature', entry=entry, moves=moves)
+            for entry, moves in entries.items()
+        ]
+        return candidates, ()
+
+    monkeypatch.setattr('wrist_ft_comp.report.advice.open_bag', nullcontext)
+    monkeypatch.setattr('wrist_ft_comp.report.advice.survey_bag', survey)
     case = Case(
         [SimpleNamespace(duration_s=600.0)], seen(ramp(20, 35)),
         'unloaded', dict.fromkeys(AXES, 'weak'), ['day swings around its levels of 120 s'],
-    )  # fmt: skip
+        [Path('day.mcap')], ['/inside'])  # fmt: skip
     first, second, third, *_ = advise(case)
     assert first.startswith('The load moved, although it was declared unloaded.')
-    assert second.startswith('One thermometer does not explain any axis well:')
+    assert second.endswith(
+        'day.mcap holds /arm/state:motor temp, too, which was not used. Calibrate with\n'
+        "--temperature-topic /inside --temperature-topic '/arm/state:motor temp'"
+    )
     assert third.startswith('The longest recording lasts 0.2 h; record 1.0 h or more')

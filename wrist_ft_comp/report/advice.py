@@ -1,15 +1,20 @@
 """What recordings have seen, and what to do next: one list, the most useful first."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 import json
+from pathlib import Path
 import shlex
 from shutil import which
 
 import numpy as np
 
+from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import Recording, Reference, Topics
+from wrist_ft_comp.recordings.bag_topics import survey_bag, TEMPERATURE
+from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.evaluation import SAME_K
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
@@ -72,6 +77,9 @@ class Case:
     levels: Mapping[str, Level]
     #: What was found while reading and fitting, in sentences.
     warnings: Sequence[str]
+    #: Where the recordings lie, and the thermometers of them that were used, as options name them.
+    paths: Sequence[Path] = ()
+    thermometers: Sequence[str] = ()
     #: The command to go on with: it runs a model that was judged, and judges one that was learnt.
     #: Empty where a model was judged on what it was learnt from.
     run: str = ''
@@ -135,14 +143,7 @@ def advise(case: Case) -> tuple[str, ...]:
         steps += _judged(case, outside)
     some_are_good = 'good' in case.levels.values()
     if unexplained and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
-        count, axes = len(case.coverage.range_c), _enumerate(unexplained)
-        who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
-        what = 'any axis' if len(unexplained) == len(case.levels) > 1 else axes
-        steps.append(
-            f'{who} not explain {what} well: heat enters at a place without one. Put another one '
-            'at the flange, where the motor heats it, or opposite; or use one that the recording '
-            'holds, too: wrist_ft_comp show lists them.'
-        )
+        steps.append(_missing_thermometer(case, unexplained, is_searched=not some_are_good))
     if case.learnt_c and poor and not steps:
         steps.append(
             f'Much of the drift of {_enumerate(poor)} is left; a report says why. '
@@ -151,6 +152,32 @@ def advise(case: Case) -> tuple[str, ...]:
     if harmful := [axis for axis, level in case.levels.items() if level == 'harmful']:
         steps.insert(0, f'Do not run this model: it makes {_enumerate(harmful)} worse.')
     return (*steps, *(() if case.learnt_c else _recorded(case)))
+
+
+def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) -> str:
+    """Ask for another thermometer; name one that the bag holds and nobody used."""
+    count, axes = len(case.coverage.range_c), _enumerate(poor)
+    who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
+    what = 'any axis' if len(poor) == len(case.levels) > 1 else axes
+    head = f'{who} not explain {what} well: heat enters at a place without one.'
+    used = {entry.strip('/') for entry in case.thermometers}
+    unused: list[str] = []
+    with suppress(WristFtCompError, OSError):  # the recording may be gone
+        for path in case.paths[:1] if is_searched else ():
+            with open_bag(path) as bag:
+                candidates, _ = survey_bag(bag)
+            unused = [
+                candidate.entry for candidate in candidates
+                if candidate.role == TEMPERATURE and candidate.moves
+                and candidate.entry.strip('/') not in used
+            ]  # fmt: skip
+    if not unused:
+        return f'{head} Put another one at the flange: where the motor heats it, or opposite.'
+    options = (f'--temperature-topic {shlex.quote(e)}' for e in (*case.thermometers, *unused))
+    return (
+        f'{head} {case.paths[0].name} holds {_enumerate(unused)}, too, which was not used. '
+        f'Calibrate with\n{" ".join(options)}'
+    )
 
 
 def _recorded(case: Case) -> Iterator[str]:

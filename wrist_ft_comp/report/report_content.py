@@ -174,6 +174,8 @@ def calibration_content(
         levels[axis] = 'weak' if verdict.level == 'uncalibrated' and drifts else verdict.level
     case = advices.Case(
         recordings, coverage, reference, levels, calibration.warnings,
+        [Path(path) for path, _ in model_sources(stored)],
+        stored.sensor.get('temperature_topics', ()),
         run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     legend, first = _FIGURES, next(iter(held.values()))
@@ -251,7 +253,8 @@ def evaluation_content(
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = advices.Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
-        warnings, beyond=beyond, loose=loose, run=run if is_another_day else '',
+        warnings, paths, stored.sensor.get('temperature_topics', ()),
+        beyond=beyond, loose=loose, run=run if is_another_day else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = ' limit: largest error on 9 of 10 days, as the calibration stated it.'
