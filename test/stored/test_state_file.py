@@ -15,8 +15,9 @@ from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.drift_bounds import Uncertainty
+from wrist_ft_comp.stream.replaced_thermometers import ThermometerState
 from wrist_ft_comp.stream.temperature_gaps import Block, ThermalMemory
-from wrist_ft_comp.stream.thermometer_faults import Jump, ThermometerState
+from wrist_ft_comp.stream.temperature_jumps import Jump
 
 number = st.floats(-1e99, 1e99)
 six = st.lists(number, min_size=6, max_size=6).map(np.array)

@@ -27,7 +27,7 @@ from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import IntArray, Progress
-from wrist_ft_comp.stream.thermometer_faults import stands_s
+from wrist_ft_comp.stream.replaced_thermometers import stands_s
 
 
 def calibrate(

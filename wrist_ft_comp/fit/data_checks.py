@@ -13,7 +13,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import AxisData, find_plateaus, MIN_SAMPLES
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, time_in
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
-from wrist_ft_comp.stream.thermometer_faults import jumps
+from wrist_ft_comp.stream.temperature_jumps import jumps
 
 #: Temperatures of one day differ by less than this, K, also where a thermometer has few digits.
 #: Two days on which a robot repeats one program differ by more; their motion passes for noise.

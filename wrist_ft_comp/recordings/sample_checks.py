@@ -27,7 +27,7 @@ from wrist_ft_comp.recording import PERIODS_S, Recording, Samples
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import in_order, NO_TIME, SAME_CLOCK_S
 from wrist_ft_comp.stream.temperature_gaps import fill_gaps
-from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
+from wrist_ft_comp.stream.temperature_jumps import SpikeFilter
 from wrist_ft_comp.units import UNIT_REMEDY
 
 #: Largest number of cells times one more than the thermometers: 24 days at 1 s with one

@@ -11,19 +11,15 @@ from wrist_ft_comp.series import BoolArray, FloatArray, NANOSECONDS
 from wrist_ft_comp.stream import (
     drift_bounds,
     exchanged_thermometers,
+    replaced_thermometers,
     temperature_gaps,
-    thermometer_faults,
 )
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
 from wrist_ft_comp.stream.drift_bounds import SPAN_S, Uncertainty
+from wrist_ft_comp.stream.replaced_thermometers import ThermometerState
 from wrist_ft_comp.stream.temperature_gaps import ThermalMemory, why_forgotten
+from wrist_ft_comp.stream.temperature_jumps import Jump, JUMP_K, SpikeFilter
 from wrist_ft_comp.stream.thermal_cells import ThermalCell, ThermalGrid
-from wrist_ft_comp.stream.thermometer_faults import (
-    Jump,
-    JUMP_K,
-    SpikeFilter,
-    ThermometerState,
-)
 
 #: A shorter gap is not reported, s, though the model may remember less: a thermometer may be read
 #: every five minutes.
@@ -173,8 +169,8 @@ class DriftTracker:
         if self.model is not None and (prediction := self.model.prediction) is not None:
             state = self.thermometers
             if state is None or self._next is None:
-                state = thermometer_faults.start(prediction, believed_c, state)
-            self.thermometers = thermometer_faults.step(
+                state = replaced_thermometers.start(prediction, believed_c, state)
+            self.thermometers = replaced_thermometers.step(
                 prediction, state, believed_c, cell.measured, period_s, gap * period_s
             )
             self._exchanged = exchanged_thermometers.exchanged(
@@ -340,7 +336,7 @@ class DriftTracker:
         if prediction is None:
             self.thermometers = None
         elif before is not None and len(prediction.time_constants_s) != len(before.relaxed_c):
-            self.thermometers = thermometer_faults.start(prediction, before.reading_c, before)
+            self.thermometers = replaced_thermometers.start(prediction, before.reading_c, before)
 
     def memory(self, compensation: Drift) -> ThermalMemory | None:
         """Give what a restarted stream needs to continue; None before there is a state."""

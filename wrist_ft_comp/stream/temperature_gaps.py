@@ -26,7 +26,8 @@ from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import LEAP_S
 from wrist_ft_comp.stream.drift_bounds import SPAN_S, TIME_CONSTANTS, Uncertainty
-from wrist_ft_comp.stream.thermometer_faults import Jump, ThermometerState
+from wrist_ft_comp.stream.replaced_thermometers import ThermometerState
+from wrist_ft_comp.stream.temperature_jumps import Jump
 
 #: Shortest memory that is assumed of a model, s.
 LEAST_GAP_S = 60.0

@@ -1,36 +1,22 @@
 """
-Thermometers that are not believed: those that change faster than metal can, or are dead or frozen.
-
-A bad contact, a bus error, or the first conversions of a digital thermometer give readings far
-from those before. They are left out until metal could have got there: 0 °C instead of 25 °C for
-115 s. What stays for longer is believed then, as if it had been reached on a straight line. The
-first readings may be the wrong ones: where others agree with each other for longer than all that
-was believed until then, the thermometer begins anew with them.
-
-What the others predict takes the place of one that died or froze, until it agrees again.
+Thermometers that are dead or frozen: what the others predict of one takes its place.
 
     dead      silent while others report, for longer than a healthy one is
     frozen    silent, or the same to the last bit, while its prediction moves by more than that of
               a healthy one does meanwhile
     believed  it reports, has moved, and was near its prediction for half an hour
 
-Both are one rule for the running stream and for files. No earlier cell is changed: the drift
-follows a wrong reading until it is found, and ``Limits`` bounds how fast it moves then.
+One rule for the running stream and for files. No earlier cell is changed: the drift follows a
+wrong reading until it is found, and ``Limits`` bounds how fast it moves then.
 """
 
 from dataclasses import dataclass, replace
-import math
-from typing import NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import ThermometerPrediction
-from wrist_ft_comp.series import BoolArray, differ, FloatArray, IntArray, NANOSECONDS
-
-#: A thermometer in metal does not change by more than this from sample to sample, K ...
-JUMP_K = 2.0
-#: ... plus this for every second between them, K/s.
-_JUMP_K_S = 0.2
+from wrist_ft_comp.series import BoolArray, differ, FloatArray
+from wrist_ft_comp.stream.temperature_jumps import START_S
 
 #: A thermometer has to read the same for this time before it is taken for frozen, s. A coarse one
 #: that is read once a minute does so on healthy days.
@@ -45,161 +31,8 @@ _KNOWN_S, _LEAST_KNOWN_S = 3600.0, 1800.0
 AGREED_S = 1800.0
 #: Predictions are compared after a relaxation with this time constant, s, against their noise.
 _SMOOTHING_S = 60.0
-#: A start takes the body as soaked at the temperatures after this time, s, because a first reading
-#: may be of nothing.
-_START_S = 10.0
 #: A gap of all thermometers counts as silence of one for this time at most, s.
 _MOST_COUNTED_S = 60.0
-
-#: Stamp, ns, and temperature, °C.
-Reading = tuple[int, float]
-
-
-def jumps(steps_k: FloatArray | float, elapsed_s: FloatArray | float) -> BoolArray:
-    """Say which changes, K, are too fast for metal, by the seconds that each took; any shape."""
-    return np.asarray(np.abs(steps_k) > JUMP_K + _JUMP_K_S * elapsed_s)
-
-
-def _apart(one: Reading, other: Reading) -> bool:
-    """Whether temperature cannot have gone from one sample to the other, in whole seconds."""
-    elapsed_s = abs(other[0] // NANOSECONDS - one[0] // NANOSECONDS)
-    return bool(jumps(other[1] - one[1], elapsed_s))
-
-
-@dataclass
-class _Run:
-    """Readings in a row that agree with each other: when they began, the last one, how many."""
-
-    begin_ns: float
-    last: Reading
-    count: int = 1
-
-
-class Jump(NamedTuple):
-    """What a thermometer jumped since the last tare, by readings that were believed at last."""
-
-    #: How far in all, K.
-    by_k: float = 0.0
-    #: When last, ns, None if never, and how far it was off until then, K.
-    at_ns: int | None = None
-    off_k: float = 0.0
-
-
-class SpikeFilter:
-    """Leaves out the readings of a thermometer that changed faster than metal can."""
-
-    def __init__(self) -> None:
-        #: How many were left out, and the first of them.
-        self.dropped = 0
-        self.first: Reading | None = None
-        #: The newest that was left out, °C, and what was believed instead.
-        self.strange_c = self.believed_c = math.nan
-        #: How often the first readings were the wrong ones.
-        self.wrong_starts = 0
-        self.jump = Jump()
-        #: Since the start, and those that were left out since the last one that was believed.
-        self._believed: _Run | None = None
-        self._other: _Run | None = None
-        #: Whether the drift follows a prediction instead.
-        self._is_replaced = False
-
-    @property
-    def stayed_k(self) -> float:
-        """How far it has jumped and stayed since the last tare, K; 0 where it came back."""
-        return self.jump.by_k if abs(self.jump.by_k) > JUMP_K else 0.0
-
-    def remembered_s(self, now_ns: int, memory_s: float) -> float:
-        """For how long a model remembers what it read before it jumped, s; 0 if not."""
-        if self.jump.at_ns is None:
-            return 0.0
-        age_s = (now_ns - self.jump.at_ns) / NANOSECONDS
-        return max(memory_s - age_s, 0.0)
-
-    @property
-    def leaves_out(self) -> bool:
-        """Whether the newest reading was left out."""
-        return self._other is not None
-
-    def go_on(self, stamp_ns: int, temperature_c: float, jump: Jump) -> None:
-        """Continue from a temperature that was believed before, and what was known of jumps."""
-        self.jump = jump
-        self._believed = _Run(-math.inf, (stamp_ns, temperature_c))
-        self._other = None
-
-    def move_clock(self, by_ns: int) -> None:
-        """Follow the clock of the stamps, which was set."""
-        for run in (self._believed, self._other):
-            if run is not None:
-                run.begin_ns += by_ns
-                run.last = run.last[0] + by_ns, run.last[1]
-        if self.jump.at_ns is not None:
-            self.jump = self.jump._replace(at_ns=self.jump.at_ns + by_ns)
-
-    def admit(self, stamp_ns: int, temperature_c: float) -> bool:
-        """Take a sample; whether it counts."""
-        sample, believed, other = (stamp_ns, temperature_c), self._believed, self._other
-        if believed is None:
-            self._believed = _Run(stamp_ns, sample)
-            return True
-        believed_ns, believed_c = believed.last
-        agrees = other is not None and not _apart(other.last, sample)
-        if not _apart(believed.last, sample):
-            self._believed, self._other = _Run(believed.begin_ns, sample, believed.count + 1), None
-            if other is not None and agrees:  # over a gap, both may have cooled
-                self.note_jump(stamp_ns, other.last[1] - believed_c)
-            return True
-        begin_ns = other.begin_ns if other is not None and agrees else stamp_ns
-        lasted_ns = believed_ns - believed.begin_ns
-        if stamp_ns - begin_ns <= lasted_ns:
-            self._other = _Run(begin_ns, sample)
-            self.dropped += 1
-            self.first = self.first or sample
-            self.strange_c, self.believed_c = temperature_c, believed_c
-            return False
-        # Others agree for longer than all that was believed: that was the wrong one.
-        self._believed, self._other = _Run(begin_ns, sample), None
-        self.wrong_starts += 1
-        self.dropped += believed.count
-        self.first = int(believed.begin_ns), believed_c
-        self.strange_c, self.believed_c = believed_c, temperature_c
-        if lasted_ns > _START_S * NANOSECONDS:  # which of both is the wrong one?
-            self.note_jump(stamp_ns, temperature_c - believed_c)
-        return True
-
-    def note_jump(self, stamp_ns: int, by_k: float) -> None:
-        """Take a jump to a temperature that is believed, unless a prediction is used instead."""
-        if not self._is_replaced:
-            self.jump = Jump(self.jump.by_k + by_k, stamp_ns, off_k=self.stayed_k)
-
-    def end_jump(self, now_ns: int) -> None:
-        """Take that a jump that stayed has ended."""
-        if self.stayed_k:
-            self.jump = Jump(0.0, now_ns, off_k=self.stayed_k)
-
-    def replace(self, now_ns: int, *, is_replaced: bool) -> None:
-        """Let the drift follow a prediction, or the readings again; a jump that stayed ends so."""
-        if is_replaced and not self._is_replaced:
-            self.end_jump(now_ns)
-        self._is_replaced = is_replaced
-
-    def admit_all(
-        self, stamps_ns: IntArray, temperature_c: FloatArray
-    ) -> tuple[IntArray, FloatArray]:
-        """Take samples, (n,), as ``admit`` does; those before a new beginning are out, too."""
-        first, last = ((int(stamps_ns[k]), float(temperature_c[k])) for k in (0, -1))
-        before = self._believed or _Run(first[0], first, 0)
-        elapsed_s = np.diff(stamps_ns // NANOSECONDS, prepend=before.last[0] // NANOSECONDS)
-        jumped = jumps(np.diff(temperature_c, prepend=before.last[1]), elapsed_s)
-        if not self.leaves_out and not jumped.any():
-            self._believed = _Run(before.begin_ns, last, before.count + len(stamps_ns))
-            return stamps_ns, temperature_c
-        counted = np.zeros(len(stamps_ns), dtype=bool)
-        for k, sample in enumerate(zip(stamps_ns.tolist(), temperature_c.tolist(), strict=True)):
-            starts = self.wrong_starts
-            counted[k] = self.admit(*sample)
-            if self.wrong_starts > starts:
-                counted[:k] = False
-        return stamps_ns[counted], temperature_c[counted]
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,7 +163,7 @@ def step(  # noqa: PLR0913, PLR0917 -- a cell as it comes
     state = ThermometerState(
         reading_c, together_c, relaxed_c, predicted_c, smooth_c, lowest_c, highest_c, silent_s,
         still_s, before.agreed_s, age_s, before.reasons)  # fmt: skip
-    if age_s < _START_S:
+    if age_s < START_S:
         return replace(start(prediction, reading_c, before), age_s=age_s)
 
     # Replace those that are dead or frozen, where another one is there to predict them. Believe

@@ -1,0 +1,139 @@
+"""Readings that changed faster than metal can: left out, believed at last, and said."""
+
+from dataclasses import replace
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
+from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.temperature_jumps import SpikeFilter
+
+SECOND = 1_000_000_000
+LONG = [20.0] * 300
+
+
+def counted(values_c, step_s=1.0):
+    spikes = SpikeFilter()
+    stamps_ns = [round(k * step_s * SECOND) for k in range(len(values_c))]
+    admitted = [spikes.admit(*pair) for pair in zip(stamps_ns, values_c, strict=True)]
+    return [value_c for value_c, counts in zip(values_c, admitted, strict=True) if counts], spikes
+
+
+@pytest.mark.parametrize(
+    ('values_c', 'expected', 'dropped', 'jumps'),
+    [
+        ([85.0, 20.1, 20.2], [20.1, 20.2], 1, 0), ([85.0, 20.1, -40.0, 20.2], [20.1, 20.2], 2, 0),
+        ([22.3, 24.6, 26.9, 29.2, *[29.2] * 50], [29.2] * 19, 35, 1),
+        ([40.0] * 100, [40.0] * 11, 89, 1), ([85.0, 60.0, 60.1, 20.0], [20.0], 3, 0),
+        ([0.0] * 80 + [20.0], [20.0], 80, 0),
+    ],
+    ids=['a spike', 'two', 'a fast ramp', 'a step', 'a loose contact', 'a bus error'],
+)  # fmt: skip
+def test_what_metal_cannot_have_gone_to_is_left_out(values_c, expected, dropped, jumps):
+    found, spikes = counted(LONG + values_c)
+    assert found == LONG + expected
+    assert (spikes.dropped, spikes.jump.by_k != 0.0) == (dropped, jumps)
+    assert spikes.first == (300 * SECOND, values_c[0])
+    assert not spikes.leaves_out
+
+
+def test_a_jump_is_told_until_it_comes_back_or_a_tare():
+    """However little the model remembers; the sentence is one of the zero's doubts."""
+    compensator, at = Compensator(1), 0
+
+    def doubts(celsius, seconds):
+        nonlocal at
+        for _ in range(seconds):
+            compensator.add_temperature(0, at * SECOND, celsius)
+            at += 1
+        return compensator.zero_doubts
+
+    assert doubts(20.0, 300) == []
+    (doubt,) = doubts(40.0, 5000)
+    assert doubt.startswith('thermometer 1 jumped by 20.0 K and stayed there; is it loose?')
+    assert compensator.tracker.spikes[0].stayed_k == 20.0
+    assert doubts(20.5, 200) == []
+    assert len(doubts(30.0, 200)) == 1
+    compensator.set_tare(np.zeros(6), at * SECOND)
+    assert (doubts(30.0, 10), compensator.tracker.spikes[0].stayed_k) == ([], 0.0)
+
+
+def test_a_jump_is_told_over_a_restart_until_it_comes_back(make_model, tmp_path):
+    model = make_model({'force_z': (0.4, 0.0, 20.0)})
+    before, after = (Compensator(1, model=model) for _ in range(2))
+    for second, celsius in enumerate([20.0] * 300 + [25.0] * 300):
+        before.add_temperature(0, second * SECOND, celsius)
+    (doubt,) = before.zero_doubts
+    save_state(tmp_path / 'state.json', SavedState(0, None, np.zeros(6), before.memory()))
+    after.doubt_zero(doubt)
+    after.resume(load_state(tmp_path / 'state.json').thermal, 0.0)
+    assert after.zero_doubts == [doubt]
+    for second in range(610, 1000):
+        after.add_temperature(0, second * SECOND, 20.0)
+        if second == 650:
+            assert ['was off by 5.0 K until it' in why for why in after.zero_doubts] == [True]
+    assert after.zero_doubts == []
+
+
+@pytest.mark.parametrize(
+    ('readings_c', 'why'),
+    [
+        ([20.0] * 300 + [40.0] * 900 + [20.0] * 200, 'was off by 20.0 K until it came back'),
+        ([20.0] * 300 + [40.0] * 200, 'jumped by 20.0 K and stayed'),
+    ],
+)
+def test_a_tare_soon_after_a_jump_is_doubted_until_the_model_forgets(make_model, readings_c, why):
+    model = replace(make_model({'force_z': (0.4, 0.0, 100.0)}), deviation={'force_z': 9.0})
+    compensator = Compensator(1, model=model)
+    end = len(readings_c)
+    for second, celsius in enumerate(readings_c + readings_c[-1:] * 600):
+        compensator.add_temperature(0, second * SECOND, celsius)
+        if second in {end, end + 80, end + 599}:
+            expected = why if second == end else 'tare again in'
+            assert [expected in doubt for doubt in compensator.zero_doubts] == [True]
+            compensator.set_tare(np.zeros(6), second * SECOND)
+    assert compensator.zero_doubts == []
+
+
+@pytest.mark.parametrize('wrong_c', [0.0, 85.0])
+@pytest.mark.parametrize('wrong_s', [1, 15])
+def test_first_readings_are_wrong_where_others_agree_for_longer(wrong_c, wrong_s):
+    right_c = 21.0 + np.arange(40) / 100
+    found, spikes = counted([wrong_c] * wrong_s + right_c.tolist())
+    assert found == [wrong_c] * wrong_s + right_c[wrong_s:].tolist()
+    assert (spikes.wrong_starts, spikes.first) == (1, (0, wrong_c))
+    assert spikes.dropped == 2 * wrong_s
+
+
+@settings(derandomize=True)
+@given(
+    steps=st.lists(st.tuples(st.integers(1, 9 * SECOND), st.floats(-50, 150)), max_size=40),
+    cuts=st.sets(st.integers(1, 39)),
+)
+def test_blocks_of_any_size_give_what_samples_one_by_one_give(steps, cuts):
+    one, many = SpikeFilter(), SpikeFilter()
+    stamps_ns = np.cumsum([0, *(step for step, _ in steps)])[1:]
+    values_c = np.array([value_c for _, value_c in steps], dtype=float)
+    expected, found = [], []
+    for pair in zip(stamps_ns.tolist(), values_c.tolist(), strict=True):
+        starts = one.wrong_starts
+        counts = one.admit(*pair)
+        expected = ([] if one.wrong_starts > starts else expected) + [pair] * counts
+    ends = [*sorted(cut for cut in cuts if cut < len(steps)), len(steps)]
+    for begin, end in zip([0, *ends[:-1]], ends, strict=True):
+        if end > begin:
+            starts = many.wrong_starts
+            taken = many.admit_all(stamps_ns[begin:end], values_c[begin:end])
+            found = [] if many.wrong_starts > starts else found
+            found += zip(*(part.tolist() for part in taken), strict=True)
+    assert found == expected
+    assert (many.dropped, many.first) == (one.dropped, one.first)
+
+
+def test_a_jump_before_a_gap_is_told_after_it_however_far_it_cooled():
+    _, spikes = counted([*LONG, 25.0, 25.0])
+    assert spikes.admit(1800 * SECOND, 21.0)
+    assert spikes.stayed_k == 5.0
