@@ -195,7 +195,9 @@ def test_the_evidence_is_there_for_people_and_what_nobody_knows_is_null(calibrat
     assert len(repr(calibration)) < 200
 
 
-def test_every_key_of_a_model_file_is_needed(document, load):
+def test_every_key_of_a_model_file_but_stands_is_needed(document, load):
+    for thermometer in document['thermometers']:
+        del thermometer['stand_s']
     load(document)
     removed = 0
     for path, _ in one_of_each_kind(document):

@@ -97,7 +97,7 @@ class _Axis:
 
 class _Thermometer(NamedTuple):
     range_c: tuple[float, float]
-    stand_s: float | None
+    stand_s: float | None = None
 
 
 @dataclass(frozen=True)
