@@ -35,13 +35,12 @@ from wrist_ft_comp.channels import AXES, GRAVITY
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.node.compensator_node import CompensatorNode
-from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.ft_sensor import interpolation
 from wrist_ft_comp.stored.background_writer import FileWriter
 from wrist_ft_comp.stored.model_file import save_model
-from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 from wrist_ft_comp.wire.gravity_by_tf import tf_layouts
 
 LIFE_S = 12 * 3600
@@ -90,7 +89,7 @@ def warm(
 
 
 def learn(folder: Path, thermometers: int) -> Path:
-    """Learn a model from three mornings, and how the IMU is turned, unless there is one."""
+    """Learn a model from three mornings, unless there is one."""
     path = folder / f'{thermometers}.yaml'
     if path.exists():
         return path
@@ -102,8 +101,6 @@ def learn(folder: Path, thermometers: int) -> Path:
         wrench = drift + rng.normal(0, 1, drift.shape) * NOISE
         run = recording_of(block_means(celsius, CELL_S), block_means(wrench, CELL_S))
         runs.append(replace(run, period_ns=CELL_S * NANOSECONDS, sensor=names))
-    aligned = ForceFrame(source='imu', force_frame='tool0', wrench_frame='tool0')
-    add_payloads(folder / PAYLOADS, path.stem, [TOOL], aligned)
     return save_model(path, calibrate(runs)).path
 
 

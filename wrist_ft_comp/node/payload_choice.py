@@ -88,8 +88,19 @@ class PayloadChoice:
                 return LivePayload(name, by_hand, ForceFrame(source=source), 'as TF gives it')
             if found := list(self.frames().items()):
                 return LivePayload(name, by_hand, found[-1][1], f'learnt with {found[-1][0]}')
+            here = self.specific_force.frames()
+            if here.wrench_frame and here.force_frame == here.wrench_frame:
+                said = f'because both frame_ids are {here.wrench_frame}'
+                return LivePayload(
+                    name, by_hand, ForceFrame(source=source, **here._asdict()), said
+                )
             raise SettingsError(
-                f'payload.active is {MANUAL}, and how the IMU is turned is not known yet. Call '
+                f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
+                'wrench is not known: this sensor has learnt no payload yet, and their frame_ids '
+                'differ. Call ~/identify_payload first; that takes a minute of motion.'
+                if here.force_frame and here.wrench_frame
+                else f'payload.active is {MANUAL}, and the frame_ids of IMU and wrench have not '
+                'come yet. Set it when they have, if they are the same; where they differ, call '
                 '~/identify_payload first; that takes a minute of motion.'
             )
         learnt = self.payloads()

@@ -231,7 +231,7 @@ def test_a_payload_changes_with_the_next_wrench_and_refusals_change_nothing(held
         ({'payload.active': 'day-3'}, r'learnt \(day-1, day-2\); got day-3'),
         ({**BY_HAND, 'payload.center_of_mass': (1.0,)}, 'three numbers in m'),
         ({**BY_HAND, 'payload.mass': 0.0}, 'payload.mass is 0'),
-        (BY_HAND, 'how the IMU is turned is not known yet'),
+        (BY_HAND, 'the rotation from the IMU to the frame of the wrench is not known'),
     ):
         with pytest.raises(SettingsError, match=words):
             part.hub.set(part.part, **wrong)
@@ -250,8 +250,14 @@ def test_a_payload_by_hand_turns_as_this_sensor_learnt(held, other):
     assert part.status().values['turn'].endswith('learnt with day-2')
     part = held(('other', replace(MOUNTED, **other)), ('day', FRAME))
     part.force.frames = lambda: FrameIds('imu', 'right')
-    with pytest.raises(SettingsError, match='how the IMU is turned is not known yet'):
+    with pytest.raises(SettingsError, match='their frame_ids differ'):
         part.hub.set(part.part, **BY_HAND)
+    part.force.frames = lambda: FrameIds('right', 'right')
+    part.hub.set(part.part, **BY_HAND)
+    assert 'because both frame_ids are right' in part.status().values['turn']
+    part.force.frames = lambda: FrameIds('right', 'left')
+    part.feel(START, UP)
+    assert 'right is now left; is it another sensor?' in part.status().message
 
 
 def test_the_live_model_selects_its_payloads_of_a_shared_folder(held, tmp_path):
