@@ -27,8 +27,9 @@ MOST = {
     # 250 more, and 150 of tests: tares with another load or of an uncertain drift, forces that are
     # late, one that froze before it was known, clocks that stood still, cold gaps: 1 to 98 N with
     # every status OK. 690 fewer: options, texts and second ways that nobody would miss.
-    'wrist_ft_comp': 22_944,
-    'test': 19_096,
+    # 16 more: specific force that comes seldom is said at once.
+    'wrist_ft_comp': 22_960,
+    'test': 19_109,
     'bench': 5_208,  # 8 more: what nobody can know is not played, and a pressed tare is known
 }
 

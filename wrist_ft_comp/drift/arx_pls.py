@@ -194,7 +194,7 @@ class ArxPls:
                 shifted[:, :-1] = state[:, 1:]
                 state = shifted + delayed - fed_back
             return state, self._outputs(u)
-        # Imported here, because only files are so long: what runs live is light.
+        # Imported here: only recordings are filtered at once, and the node starts without scipy.
         from scipy.signal import lfilter  # noqa: PLC0415
 
         series = np.ascontiguousarray(t.T)  # (R, N)

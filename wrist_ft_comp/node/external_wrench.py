@@ -238,7 +238,7 @@ class ExternalWrench(Part):
         wrench_ns = None if self.counts.newest is None else self.counts.newest[0]
         missed_share = grown['missed'] / max(grown['came'], 1)
         yield from self.specific_force.timing_doubts(
-            wrench_ns, missed_share, is_new=grown['forces'] > 0
+            wrench_ns, missed_share, grown['forces'] / max(grown['came'], 1)
         )
 
     def _weight_doubts(self, payload: LivePayload | None) -> Iterator[str]:

@@ -39,6 +39,9 @@ _REPORTS = 10
 _NORM_DEVIATION = 0.03
 #: More of the wrenches than this share without fresh specific force are a warning.
 _MISSED_SHARE = 0.1
+#: The weight is in doubt where it changes by more than this share between two samples, on the
+#: mean: half of a step.
+_STEP_SHARE = 0.05
 
 
 class SpecificForceInput(Part):
@@ -209,14 +212,15 @@ class SpecificForceInput(Part):
         return self._tree.missing() if is_waiting else ''
 
     def timing_doubts(
-        self, wrench_ns: int | None, missed_share: float, *, is_new: bool
+        self, wrench_ns: int | None, missed_share: float, per_wrench: float
     ) -> Iterator[str]:
         """
-        Say that specific force is missing, or of another clock; once a report.
+        Say that specific force is missing, of another clock, or seldom; once a report.
 
-        Takes the stamp of the newest wrench, ns, the share of wrenches that had none, and whether
-        one came since the last report.
+        Takes the stamp of the newest wrench, ns, the share of wrenches that had none, and how many
+        came for each wrench since the last report.
         """
+        is_new = per_wrench > 0
         newest, rests = self.forces.newest, 'wrench_external rests'
         if newest is None:
             yield f'{self.problem() or "no specific force has come"}; {rests}'
@@ -231,6 +235,12 @@ class SpecificForceInput(Part):
                 yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
             else:
                 yield f'specific force is older than gravity.timeout, or stays away; {rests}'
+        step_s, step = self.forces.last_step
+        if 0 < per_wrench < 0.5 and step > 2 * _STEP_SHARE * GRAVITY:
+            yield (
+                f'specific force comes every {step_s:.2g} s, and {step / 2 / GRAVITY:.0%} of the '
+                'weight that is taken off is wrong in motion; let it come faster'
+            )
 
     def value_doubts(self, frame: ForceFrame) -> Iterator[str]:
         """Say that it is frozen, or is not as large as gravity in the frame of a payload."""

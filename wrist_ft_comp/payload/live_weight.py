@@ -47,6 +47,14 @@ class RecentForces:
         """Stamp, ns, and specific force of the newest sample."""
         return self._kept[-1] if self._kept else None
 
+    @property
+    def last_step(self) -> tuple[float, float]:
+        """Time between the last two samples, s, and how far apart they are, m/s²."""
+        if len(self._kept) < 2:
+            return 0.0, 0.0
+        (before_ns, before), (after_ns, after) = self._kept[-2], self._kept[-1]
+        return (after_ns - before_ns) / NANOSECONDS, math.dist(before, after)
+
     def add(self, stamp_ns: int, specific_force: Force) -> None:
         """Add a sample; a late one is dropped, and a stamp that is far back begins anew."""
         self.count += 1

@@ -10,8 +10,8 @@ from wrist_ft_comp.series import FloatArray
 
 #: When a payload becomes active after a tare without one, its weight has to show within this, s.
 _SHOWN_S = 10.0
-#: What is left of a free force without the weight is less than this, N, or this share of the
-#: weight, after a right tare; in so many directions, that proves the tare.
+#: After a right tare, a free force differs from the weight by less than this, N, or this share of
+#: the weight. Seen in so many directions, that proves the tare.
 _NEAR_N, _NEAR_SHARE, _PROOFS = 1.0, 0.05, 3
 #: A proven tare is doubted where it was never near for this time, s: tools press for less.
 _PRESSED_S = 600.0
@@ -59,10 +59,8 @@ class TareCheck:
         if not self._looks or np.linalg.norm(now[1] - self._looks[-1][1]) >= MOVED_N:
             self._looks.append(now)
         rests, weights = np.array(self._looks).swapaxes(0, 1)
-        off, near_n = (
-            np.median(rests, axis=0),
-            max(_NEAR_N, _NEAR_SHARE * np.linalg.norm(weight_n)),
-        )
+        off = np.median(rests, axis=0)
+        near_n = max(_NEAR_N, _NEAR_SHARE * float(np.linalg.norm(weight_n)))
         near = np.linalg.norm(rests, axis=1) < near_n
         self._is_right |= len(distinct(weights[near])) >= _PROOFS
         if np.linalg.norm(rest_n) < near_n:

@@ -40,8 +40,8 @@ FORCES, DIRECTIONS, _IN_A_ROW, ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
 _MOUNTED_SHARE = 0.2
 #: Motion is what the weight changes by in this time, s, if it is more than this, N.
 LAG_STEP_S, _LEAST_MOTION_N = 0.1, 0.3
-#: Of so many looks in motion, this share shows the same sign of a lag; it is said where it makes
-#: this share of the weight wrong.
+#: A lag is said when so many looks in motion have come, this share of them agree on its sign, and
+#: it makes this share of the weight wrong.
 _MOTIONS, _SAME_SIGN, _WRONG_SHARE = 16, 0.9, 0.05
 #: A lag leaves less than this share of the force, in the median: friction leaves more.
 _LAG_REST = 0.6

@@ -178,6 +178,18 @@ STATUSES = [
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ('every_s', 'wrenches', 'said'), [(0.04, 3, False), (0.15, 1, False), (0.15, 3, True)]
+)
+def test_specific_force_that_comes_seldom_in_motion_is_said(held, every_s, wrenches, said):
+    part = held(**{'payload.active': 'day-1'})
+    for at_s in np.arange(0, 1, every_s):
+        part.feel(START + round(at_s * 1e9), Rotation.from_euler('x', at_s).apply(UP))
+        for k in range(wrenches):
+            part.ask(START + round((at_s + k * every_s / wrenches) * 1e9), CONSTANT)
+    assert ('every 0.15 s, and 7% of the weight' in part.status().message) == said
+
+
 def angles(second):
     return 2.0 * np.sin(second), 0.9 * np.sin(0.7 * second), 1.2 * np.sin(0.6 * second)
 
