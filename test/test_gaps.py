@@ -14,7 +14,7 @@ from wrist_ft_comp.drift.drift_model import ThermometerPrediction
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.stored.model_file import load_model, save_model
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
-from wrist_ft_comp.stream import replaced_thermometers
+from wrist_ft_comp.stream import failed_thermometers
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000
@@ -149,7 +149,7 @@ def compensated(model_path, rows, folder):
 def test_stream_restart_and_file_give_the_same_drift(hasty, tmp_path, monkeypatch, rows, kills):
     """In every cell in which a thermometer reports: within a gap only a file knows its end."""
     for name, time_s in (('STILL_S', 15.0), ('AGREED_S', 30.0)):
-        monkeypatch.setattr(replaced_thermometers, name, time_s)
+        monkeypatch.setattr(failed_thermometers, name, time_s)
     model = load_model(hasty).model
     killed, lived = (Life(model, tmp_path) for _ in range(2))
     kills = sorted(cell for cell in kills if cell < len(rows) - 5)

@@ -14,8 +14,8 @@ import pytest
 from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
-from wrist_ft_comp.stream.drift_bounds import Uncertainty
-from wrist_ft_comp.stream.replaced_thermometers import ThermometerState
+from wrist_ft_comp.stream.drift_uncertainty import Uncertainty
+from wrist_ft_comp.stream.failed_thermometers import ThermometerState
 from wrist_ft_comp.stream.temperature_gaps import Block, ThermalMemory
 from wrist_ft_comp.stream.temperature_jumps import Jump
 

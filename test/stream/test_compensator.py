@@ -12,9 +12,9 @@ from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.recordings.sample_checks import grid_samples
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
-from wrist_ft_comp.stream.drift_doubts import gap_doubts, seldom_doubts
 from wrist_ft_comp.stream.drift_limits import axis_limits, Limits
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
+from wrist_ft_comp.stream.drift_warnings import gap_doubts, seldom_doubts
 
 SECOND = 1_000_000_000
 LOAD = np.array([50.0, -20.0, 100.0, 3.0, -1.0, 2.0])

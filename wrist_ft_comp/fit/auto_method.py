@@ -23,8 +23,8 @@ import numpy as np
 from wrist_ft_comp.drift.arx_pls import ArxPls, free_run, relaxation, static_gain
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.another_day import state_fit
 from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, build_features
+from wrist_ft_comp.fit.day_limit import state_fit
 from wrist_ft_comp.fit.folds import hold_out, mean_over, tare
 from wrist_ft_comp.fit.result import AxisFit, HeldOut, rms_by_fold
 from wrist_ft_comp.fit.settings import IdentificationSettings

@@ -16,9 +16,9 @@ from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks as checks
 from wrist_ft_comp.fit import paper_methods
-from wrist_ft_comp.fit.another_day import day_limit, largest_drift, late_errors
 from wrist_ft_comp.fit.auto_method import identify_auto
 from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data
+from wrist_ft_comp.fit.day_limit import day_limit, largest_drift, late_errors
 from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.segments import did_it_move, segment
@@ -27,7 +27,7 @@ from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import IntArray, Progress
-from wrist_ft_comp.stream.replaced_thermometers import stands_s
+from wrist_ft_comp.stream.failed_thermometers import stands_s
 
 
 def calibrate(

@@ -23,9 +23,9 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit import auto_method as ridges
-from wrist_ft_comp.fit.another_day import state_fit
 from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
+from wrist_ft_comp.fit.day_limit import state_fit
 from wrist_ft_comp.fit.folds import fold_means, hold_out, simplest_good, unexplained, WORTHWHILE
 from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr
 from wrist_ft_comp.fit.result import AxisFit

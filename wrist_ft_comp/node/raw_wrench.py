@@ -16,7 +16,7 @@ from wrist_ft_comp.ros.topics import why_silent
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import WrenchStamps
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.wrench_watch import SensorWatch, unusable, was_away
+from wrist_ft_comp.stream.wrench_faults import SensorWatch, unusable, was_away
 from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 
 #: A node that did not look for longer, s, was held up itself: nobody knows whether wrenches came.

@@ -20,7 +20,7 @@ from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.drift_doubts import frozen_doubts, gap_doubts, seldom_doubts
+from wrist_ft_comp.stream.drift_warnings import frozen_doubts, gap_doubts, seldom_doubts
 from wrist_ft_comp.units import other_unit, UNIT_REMEDY
 from wrist_ft_comp.wire import numbers_in_messages as in_messages
 from wrist_ft_comp.wire.cdr import TEMPERATURE

@@ -12,8 +12,8 @@ from wrist_ft_comp.drift.drift_model import DriftModel, DriftState
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.safe_file import Kind, MAKE_ROOM, to_plain
-from wrist_ft_comp.stream import replaced_thermometers
-from wrist_ft_comp.stream.replaced_thermometers import ThermometerState
+from wrist_ft_comp.stream import failed_thermometers
+from wrist_ft_comp.stream.failed_thermometers import ThermometerState
 from wrist_ft_comp.stream.temperature_gaps import ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
@@ -116,7 +116,7 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
         return False
     thermometers = None
     if model.prediction is not None:
-        thermometers = replaced_thermometers.start(model.prediction, reading_c)
+        thermometers = failed_thermometers.start(model.prediction, reading_c)
     expected = _shapes(drift_model.start(model, reading_c), thermometers)
     if _shapes(memory.filters, memory.thermometers) != expected:
         return False

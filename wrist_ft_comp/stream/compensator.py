@@ -11,11 +11,11 @@ from wrist_ft_comp.drift.drift_model import check_fits, Drift, DriftModel, no_dr
 from wrist_ft_comp.errors import check_range, SettingsError
 from wrist_ft_comp.recording import PERIODS_S
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream import drift_doubts
+from wrist_ft_comp.stream import drift_warnings
 from wrist_ft_comp.stream.clock import Sample
-from wrist_ft_comp.stream.drift_bounds import SPAN_S
 from wrist_ft_comp.stream.drift_limits import axis_limits, Limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
+from wrist_ft_comp.stream.drift_uncertainty import SPAN_S
 from wrist_ft_comp.stream.exchanged_thermometers import exchanged_by_jumps
 from wrist_ft_comp.stream.tare import (
     early_tare_doubts,
@@ -109,7 +109,7 @@ class Compensator:
     @property
     def zero_doubts(self) -> list[str]:
         """Sentences on what has happened since the last tare that may have moved the zero."""
-        said = self._said + drift_doubts.jump_doubts(self.tracker)
+        said = self._said + drift_warnings.jump_doubts(self.tracker)
         if self.compensating and self.tared and self._waits_since_ns is not None:
             said += early_tare_doubts(-math.inf, 0, 'next temperatures')
         return said
@@ -302,7 +302,7 @@ class Compensator:
         self.tracker.resume(memory, by_clock_s)
         # What the memory says of jumps ends when they do.
         self._said = [
-            why for why in self._said if why not in drift_doubts.jump_doubts(self.tracker)
+            why for why in self._said if why not in drift_warnings.jump_doubts(self.tracker)
         ]
         self._settle(self.target, None)
 

@@ -14,8 +14,8 @@ from wrist_ft_comp.drift.drift_model import Drift, DriftModel, run_from_rest
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
-from wrist_ft_comp.stream import exchanged_thermometers, replaced_thermometers
-from wrist_ft_comp.stream.replaced_thermometers import ThermometerState
+from wrist_ft_comp.stream import exchanged_thermometers, failed_thermometers
+from wrist_ft_comp.stream.failed_thermometers import ThermometerState
 from wrist_ft_comp.stream.temperature_gaps import longest_gap_s, reporting_cells
 
 
@@ -91,10 +91,10 @@ def exchange_doubts(model: DriftModel, recording: Recording) -> dict[str, float]
     every = max(round(60 / recording.period_s), 1)  # a look once a minute is enough
     time_s, readings_c = every * recording.period_s, recording.temperature_c[::every]
     heard = np.ones(recording.thermometers, dtype=bool)
-    state, said = replaced_thermometers.start(prediction, readings_c[0]), Counter[str]()
+    state, said = failed_thermometers.start(prediction, readings_c[0]), Counter[str]()
     known = dict[tuple[int, int], str]()
     for reading_c in readings_c:
-        state = replaced_thermometers.step(prediction, state, reading_c, heard, time_s, 0.0)
+        state = failed_thermometers.step(prediction, state, reading_c, heard, time_s, 0.0)
         known = exchanged_thermometers.exchanged(prediction, state, known)
         said.update(known.values())
     return {sentence: count / len(readings_c) for sentence, count in said.items()}
@@ -110,20 +110,20 @@ def judge(
     nothing where nobody predicts them, or where none reads the same for long.
     """
     prediction, period_s = model.prediction, model.period_ns / NANOSECONDS
-    still_cells = max(round(replaced_thermometers.STILL_S / period_s), 1)
+    still_cells = max(round(failed_thermometers.STILL_S / period_s), 1)
     if prediction is None or not _stands_still(temperature_c, still_cells):
         return
     cells = reporting_cells(measured, model.period_ns)
     longest = longest_gap_s(model) * NANOSECONDS / model.period_ns
     state, last = (
-        replaced_thermometers.start(prediction, temperature_c[cells[0]]),
+        failed_thermometers.start(prediction, temperature_c[cells[0]]),
         int(cells[0]) - 1,
     )
     for cell in cells.tolist():
         reading_c, missing = temperature_c[cell], cell - last - 1
         if missing > longest:
-            state, missing = replaced_thermometers.start(prediction, reading_c, state), 0
-        state = replaced_thermometers.step(
+            state, missing = failed_thermometers.start(prediction, reading_c, state), 0
+        state = failed_thermometers.step(
             prediction, state, reading_c, measured[cell], period_s, missing * period_s
         )
         last = cell

@@ -9,14 +9,14 @@ from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
 from wrist_ft_comp.series import BoolArray, FloatArray, NANOSECONDS
 from wrist_ft_comp.stream import (
-    drift_bounds,
+    drift_uncertainty,
     exchanged_thermometers,
-    replaced_thermometers,
+    failed_thermometers,
     temperature_gaps,
 )
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
-from wrist_ft_comp.stream.drift_bounds import SPAN_S, Uncertainty
-from wrist_ft_comp.stream.replaced_thermometers import ThermometerState
+from wrist_ft_comp.stream.drift_uncertainty import SPAN_S, Uncertainty
+from wrist_ft_comp.stream.failed_thermometers import ThermometerState
 from wrist_ft_comp.stream.temperature_gaps import ThermalMemory, why_forgotten
 from wrist_ft_comp.stream.temperature_jumps import Jump, JUMP_K, SpikeFilter
 from wrist_ft_comp.stream.thermal_cells import ThermalCell, ThermalGrid
@@ -169,8 +169,8 @@ class DriftTracker:
         if self.model is not None and (prediction := self.model.prediction) is not None:
             state = self.thermometers
             if state is None or self._next is None:
-                state = replaced_thermometers.start(prediction, believed_c, state)
-            self.thermometers = replaced_thermometers.step(
+                state = failed_thermometers.start(prediction, believed_c, state)
+            self.thermometers = failed_thermometers.step(
                 prediction, state, believed_c, cell.measured, period_s, gap * period_s
             )
             self._exchanged = exchanged_thermometers.exchanged(
@@ -205,9 +205,9 @@ class DriftTracker:
         off = self.effect(agreed_k) if agreed_k.any() else np.zeros(len(AXES))
         # After longer gaps than it remembers, such as nights, a sensor as cold as a room soaked.
         if gap_s > self.memory_s:
-            is_doubtful = bool((believed_c > drift_bounds.warmest_room_c(self.model)).any())
+            is_doubtful = bool((believed_c > drift_uncertainty.warmest_room_c(self.model)).any())
         if is_doubtful and state_before is not None and len(history_c):
-            bounds = drift_bounds.bound_drift(
+            bounds = drift_uncertainty.bound_drift(
                 self.model, state_before, history_c, believed_c[np.newaxis], gap_s, self.memory_s
             )
             off = off + np.abs(bounds - self.drift.zero).max(axis=0)
@@ -226,7 +226,7 @@ class DriftTracker:
         if not cells_before < span <= len(self.history_c):
             return np.zeros(len(AXES))
         known_k = None if self.uncertainty is None else np.zeros(self._count)
-        return drift_bounds.doubt_start(model, self.history_c[:span], self.memory_s, known_k)
+        return drift_uncertainty.doubt_start(model, self.history_c[:span], self.memory_s, known_k)
 
     def _gaps(self) -> list[tuple[int, int]]:
         """Give where gaps of the history begin and end."""
@@ -238,7 +238,7 @@ class DriftTracker:
         gap_s = (end - begin) * model.period_ns / NANOSECONDS
         after_c = self.history_c[end : end + self._span(model)]
         slope_k = self.history_c[end] - self.history_c[end - 1]
-        return drift_bounds.doubt_start(model, after_c, min(gap_s, self.memory_s), slope_k)
+        return drift_uncertainty.doubt_start(model, after_c, min(gap_s, self.memory_s), slope_k)
 
     def _off_in_gaps(self, model: DriftModel) -> FloatArray:
         """Bound what gaps, in which no model was live, left wrong of the drift by now, (6,)."""
@@ -250,7 +250,7 @@ class DriftTracker:
             state = drift_model.at_rest(model, before_c[: model.start_cells])
             state = drift_model.skip(model, state, before_c)
             gap_s = (end - begin) * model.period_ns / NANOSECONDS
-            bounds = drift_bounds.bound_drift(
+            bounds = drift_uncertainty.bound_drift(
                 model, state, before_c, self.history_c[end:], gap_s, self.memory_s
             )
             zero = drift_model.run_to_end(model, state, line_c)[1].zero
@@ -336,7 +336,7 @@ class DriftTracker:
         if prediction is None:
             self.thermometers = None
         elif before is not None and len(prediction.time_constants_s) != len(before.relaxed_c):
-            self.thermometers = replaced_thermometers.start(prediction, before.reading_c, before)
+            self.thermometers = failed_thermometers.start(prediction, before.reading_c, before)
 
     def memory(self, compensation: Drift) -> ThermalMemory | None:
         """Give what a restarted stream needs to continue; None before there is a state."""

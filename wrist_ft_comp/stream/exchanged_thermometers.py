@@ -12,7 +12,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import ThermometerPrediction
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream.replaced_thermometers import AGREED_S, ThermometerState
+from wrist_ft_comp.stream.failed_thermometers import AGREED_S, ThermometerState
 from wrist_ft_comp.stream.temperature_jumps import JUMP_K, SpikeFilter
 
 #: Two may be exchanged where both are farther from their predictions than this many times what a

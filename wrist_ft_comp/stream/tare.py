@@ -14,10 +14,10 @@ from wrist_ft_comp.drift.drift_model import Drift, DriftModel
 from wrist_ft_comp.errors import RecordingError, TareRefusedError
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream.drift_doubts import frozen_doubts, gap_doubts
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
+from wrist_ft_comp.stream.drift_warnings import frozen_doubts, gap_doubts
 
 #: Parts whose means are compared with the whole: noise averages out, motion does not.
 _PARTS = 5

@@ -25,8 +25,8 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import LEAP_S
-from wrist_ft_comp.stream.drift_bounds import SPAN_S, TIME_CONSTANTS, Uncertainty
-from wrist_ft_comp.stream.replaced_thermometers import ThermometerState
+from wrist_ft_comp.stream.drift_uncertainty import SPAN_S, TIME_CONSTANTS, Uncertainty
+from wrist_ft_comp.stream.failed_thermometers import ThermometerState
 from wrist_ft_comp.stream.temperature_jumps import Jump
 
 #: Shortest memory that is assumed of a model, s.

@@ -11,7 +11,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream import exchanged_thermometers, replaced_thermometers
+from wrist_ft_comp.stream import exchanged_thermometers, failed_thermometers
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 
@@ -39,7 +39,7 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
 
     def too_still_s(j: int) -> float:
         known_s = usual_s[j] if usual_s else None
-        return replaced_thermometers.too_still_s(tracker.history_c[:, j], period_s, known_s)
+        return failed_thermometers.too_still_s(tracker.history_c[:, j], period_s, known_s)
 
     if state is None or model is None or model.prediction is None:
         silent, sentences = tracker.grid.silent(tracker.end_ns // period_ns), list[str]()

@@ -9,10 +9,10 @@ from scipy.signal import lfilter
 
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.stream import drift_of_recordings, replaced_thermometers
+from wrist_ft_comp.stream import drift_of_recordings, failed_thermometers
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
-from wrist_ft_comp.stream.drift_doubts import frozen_doubts
 from wrist_ft_comp.stream.drift_of_recordings import simulate_drift, thermometer_doubts
+from wrist_ft_comp.stream.drift_warnings import frozen_doubts
 
 SECOND = 1_000_000_000
 PERIOD_S, CELLS, BEGIN = 10.0, 1080, 400
@@ -239,7 +239,7 @@ def test_one_that_is_replaced_stays_so_under_another_model_and_over_a_restart(le
 )
 def test_a_single_one_that_never_moved_is_doubted_by_its_calibration(usual_s, still_s, said):
     readings_c = np.full(still_s // 5, 22.0)
-    assert replaced_thermometers.too_still_s(readings_c, 5.0, usual_s) == (still_s if said else 0)
+    assert failed_thermometers.too_still_s(readings_c, 5.0, usual_s) == (still_s if said else 0)
 
 
 @pytest.mark.parametrize(
@@ -250,7 +250,7 @@ def test_a_single_one_is_doubted_when_it_stands_still_longer_than_ever(repeats_s
     """In cells of 5 s, after an hour in which it moved every 5 s, or in coarse steps."""
     moved_c = 20.0 + 0.1 * (np.arange(0, 4000, 5) // repeats_s)
     readings_c = np.append(moved_c, np.full(still_s // 5, 70.0))
-    assert replaced_thermometers.too_still_s(readings_c, 5.0) == (still_s if said else 0)
+    assert failed_thermometers.too_still_s(readings_c, 5.0) == (still_s if said else 0)
 
 
 def test_one_that_freezes_on_a_quiet_robot_is_doubted_by_its_own_stands(learn, make_day):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.stream.wrench_watch import LOOKS, SensorWatch
+from wrist_ft_comp.stream.wrench_faults import LOOKS, SensorWatch
 
 RAW = [1.0, 2.0, 3.0, 0.1, 0.2, 0.0]
 
