@@ -17,8 +17,7 @@ import pytest
 
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS
 from wrist_ft_comp.drift.arx_pls import Arx, ArxPls
-from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.drift.drift_model import AxisModel, DriftModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.recording import Recording
 

@@ -16,8 +16,7 @@ from wrist_ft_comp import __version__
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.arx_pls import Arx, ArxPls, relaxation
-from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.drift_model import DriftModel, ThermometerPrediction
+from wrist_ft_comp.drift.drift_model import AxisModel, DriftModel, ThermometerPrediction
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.fit.result import AxisFit, Calibration, Candidate

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.drift.arx_pls import ArxPls, free_run, relaxation, static_gain
-from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.drift_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, build_features
 from wrist_ft_comp.fit.day_limit import state_fit

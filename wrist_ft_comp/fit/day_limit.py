@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wrist_ft_comp.channels import axis_unit
-from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.drift_model import AxisModel
 from wrist_ft_comp.fit.axis_data import AxisData, FOLDS
 from wrist_ft_comp.fit.folds import averaged_cells, mean_over, tared_means
 from wrist_ft_comp.fit.result import AxisFit, Candidate, HeldOut

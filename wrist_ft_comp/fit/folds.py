@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.drift.drift_model import AxisModel, DriftModel
 from wrist_ft_comp.fit import axis_data
 from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, FOLDS
 from wrist_ft_comp.fit.result import HeldOut

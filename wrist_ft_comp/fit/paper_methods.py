@@ -19,7 +19,7 @@ import numpy as np
 import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.drift.arx_pls import static_gain
-from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.drift_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit import auto_method as ridges

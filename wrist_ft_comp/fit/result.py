@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.channels import SensorNames
-from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.drift.drift_model import AxisModel, DriftModel
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads

@@ -12,8 +12,7 @@ from itertools import permutations
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.drift.axis_model import LEAST_RANGE_K
-from wrist_ft_comp.drift.drift_model import Drift, no_drift
+from wrist_ft_comp.drift.drift_model import Drift, LEAST_RANGE_K, no_drift
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks
 from wrist_ft_comp.fit.folds import averaged_cells, tared_means

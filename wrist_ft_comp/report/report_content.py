@@ -9,8 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit
-from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.drift_model import StoredModel
+from wrist_ft_comp.drift.drift_model import AxisModel, StoredModel
 from wrist_ft_comp.fit.folds import averaged_cells, averaged_s, mean_over
 from wrist_ft_comp.fit.result import AxisFit, Calibration, HeldOut, rms_by_fold
 from wrist_ft_comp.payload.mounted_payloads import COUNTS

@@ -11,8 +11,12 @@ import yaml
 
 import wrist_ft_comp
 from wrist_ft_comp.channels import SENSOR_FACTS
-from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.drift_model import DriftModel, StoredModel, ThermometerPrediction
+from wrist_ft_comp.drift.drift_model import (
+    AxisModel,
+    DriftModel,
+    StoredModel,
+    ThermometerPrediction,
+)
 from wrist_ft_comp.errors import check_range, ModelFileError, WristFtCompError
 from wrist_ft_comp.recording import PERIODS_S
 from wrist_ft_comp.series import NANOSECONDS
