@@ -12,7 +12,7 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.stream import drift_of_recordings, failed_thermometers
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.drift_of_recordings import simulate_drift, thermometer_doubts
-from wrist_ft_comp.stream.drift_warnings import frozen_doubts
+from wrist_ft_comp.stream.drift_warnings import frozen_doubts, gap_doubts
 
 SECOND = 1_000_000_000
 PERIOD_S, CELLS, BEGIN = 10.0, 1080, 400
@@ -149,6 +149,27 @@ def test_one_that_agrees_again_for_half_an_hour_is_believed(learn, make_day, fau
     assert 480 / CELLS > share > 400 / CELLS
     usual = simulate_drift(model, healthy).zero[:, FORCE_Z]
     assert seen[CELLS - 2] == pytest.approx(usual[CELLS - 2], abs=0.1)
+
+
+@pytest.mark.parametrize(('tau_s', 'is_remembered'), [(1.0, False), (900.0, True)])
+def test_what_one_missed_while_it_was_silent_is_doubted_until_the_model_has_forgotten_it(
+    learn, make_day, make_model, tau_s, is_remembered
+):
+    begin, back = 451, 466  # the motor warms fast from the first on
+    prediction, axes = learn(3).model.prediction, {'force_z': (2.0, 0.0, tau_s)}
+    lag = make_model(
+        axes, period_s=PERIOD_S, thermometers=3, range_c=(20.0, 50.0), prediction=prediction
+    )
+    model = replace(lag, deviation={'force_z': 0.1})
+    compensator, day = Compensator(3, model=model), failing(make_day(7), 'dead', 0, begin, back)
+    stream(compensator, day, end=back - 3)
+    assert gap_doubts(compensator.tracker) == []
+    seen = stream(compensator, day, back - 3, back + 4)
+    knows = simulate_drift(model, make_day(7)).zero[:, FORCE_Z]
+    off_n = max(abs(seen[k] - knows[k]) for k in seen if k > back)
+    assert (off_n > 0.3) == is_remembered
+    assert not compensator.tracker.replaced
+    assert bool(gap_doubts(compensator.tracker)) == is_remembered
 
 
 def test_what_one_read_before_it_was_replaced_is_remembered_at_a_tare(learn, make_day):

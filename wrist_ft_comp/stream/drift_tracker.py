@@ -24,6 +24,8 @@ from wrist_ft_comp.stream.thermal_cells import ThermalCell, ThermalGrid
 #: A shorter gap is not reported, s, though the model may remember less: a thermometer may be read
 #: every five minutes.
 _REPORTED_GAP_S = 600.0
+#: What one of several thermometers missed while it was silent for longer is remembered, s.
+_SILENT_S = 60.0
 #: Wrists warm and cool by no more than this, K/s, unless they were seen to.
 _FASTEST_K_S = 0.02
 #: Origin of the drift of a model that has seen no temperature.
@@ -166,6 +168,7 @@ class DriftTracker:
         # Which thermometers are believed; the others are predicted.
         believed_c = cell.temperature_c
         agreed_k: FloatArray = np.zeros(self._count)
+        missed_k, missed = agreed_k, 0
         if self.model is not None and (prediction := self.model.prediction) is not None:
             state = self.thermometers
             if state is None or self._next is None:
@@ -182,6 +185,11 @@ class DriftTracker:
                 spikes.replace(self.end_ns, is_replaced=is_replaced)
             believed_again = state.replaced & ~self.thermometers.replaced
             agreed_k = np.where(believed_again, prediction.agree_k, 0.0)
+            # The last value of one that was silent was held, while it moved.
+            silent_s = np.where(cell.measured & ~state.replaced, state.silent_s, 0.0)
+            is_back = silent_s > max(_SILENT_S, usual_s)
+            missed_k = np.where(is_back, cell.temperature_c - state.reading_c, 0.0)
+            missed = round(float(silent_s.max()) / period_s)
         predicts = None if self.model is None else self.model.prediction
         exchanged_thermometers.end_exchange(self.spikes, predicts, self.thermometers, self.end_ns)
 
@@ -201,8 +209,12 @@ class DriftTracker:
 
         if self.model is None:
             return
-        # The model remembers what was predicted of a thermometer, and what nobody knows of a gap.
+        # The model remembers what was predicted of a thermometer, what one missed, and what nobody
+        # knows of a gap.
         off = self.effect(agreed_k) if agreed_k.any() else np.zeros(len(AXES))
+        if missed_k.any() and len(history_c):
+            held_c = history_c[-missed:]
+            off = off + drift_uncertainty.doubt_held(self.model, held_c, missed_k, believed_c)
         # After longer gaps than it remembers, such as nights, a sensor as cold as a room soaked.
         if gap_s > self.memory_s:
             is_doubtful = bool((believed_c > drift_uncertainty.warmest_room_c(self.model)).any())

@@ -67,6 +67,24 @@ def bound_drift(  # noqa: PLR0913, PLR0917 -- what a gap is between
     return np.stack([drift_model.step(model, end, after_c)[1].zero for end in ends])
 
 
+def doubt_held(
+    model: DriftModel, held_c: FloatArray, missed_k: FloatArray, after_c: FloatArray
+) -> FloatArray:
+    """
+    Bound what is wrong of the zero drift after thermometers were held that moved, (6,), N and N m.
+
+    Takes the temperatures of that time, °C, (n, J), how far each had moved at its end, K, (J,),
+    and the temperatures from then on, (J,).
+    """
+    line_c = held_c + np.linspace(0.0, missed_k, len(held_c))
+    later_c = np.tile(after_c, (len(held_c), 1))
+    of_held, of_line = (
+        drift_model.run(model, drift_model.start(model, held_c[0]), np.vstack((path_c, later_c)))
+        for path_c in (held_c, line_c)
+    )
+    return np.asarray(np.abs(of_line[1].zero - of_held[1].zero)[len(held_c) :].max(axis=0))
+
+
 def warmest_room_c(model: DriftModel) -> FloatArray:
     """Give what thermometers may read in a room, °C, (J,), by the coldest of the calibration."""
     coldest_c = [axis.range_c[0] for axis in model.axes.values()] or [np.full(1, np.inf)]
