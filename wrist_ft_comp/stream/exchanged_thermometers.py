@@ -66,13 +66,16 @@ def exchanged(
     Say which pairs of thermometers read what is expected of each other, or are ``known`` to.
 
     Both are far from what the others predict of them, and near it if they are taken for each
-    other, as where plugs were exchanged. Known ones are until one of them agrees with the others.
+    other, as where plugs were exchanged. Known ones are until it is the other way round: where
+    both are near in either order, nobody can tell.
     """
     off_k, said = np.abs(state.reading_c - state.predicted_c), {}
-    clear = off_k > _EXCHANGED * prediction.agree_k
-    for i, j in combinations(np.flatnonzero(off_k > prediction.agree_k).tolist(), 2):
-        near = _off_exchanged(prediction, state, i, j) <= prediction.agree_k
-        if (i, j) in known or (near[[i, j]].all() and clear[[i, j]].all()):
+    for i, j in combinations(range(len(off_k)), 2):
+        agree_k, own_k = prediction.agree_k[[i, j]], off_k[[i, j]]
+        exchanged_k = _off_exchanged(prediction, state, i, j)[[i, j]]
+        is_found = (exchanged_k <= agree_k).all() and (own_k > _EXCHANGED * agree_k).all()
+        is_mended = (own_k <= agree_k).all() and (exchanged_k > agree_k).all()
+        if is_found or ((i, j) in known and not is_mended):
             said[i, j] = (
                 f'thermometers {i + 1} and {j + 1} read what is expected of each other; are their '
                 'plugs, topics or columns exchanged? The drift is wrong until that is mended'
