@@ -41,6 +41,15 @@ def test_axes_that_repeat_one_value_while_another_one_moves_are_stuck(stays_at, 
     assert not watch.frozen
 
 
+@pytest.mark.parametrize(('step', 'found'), [(0.01, True), (0.5, False)])
+def test_three_forces_that_hang_at_once_are_stuck_unless_their_steps_are_coarse(step, found):
+    watch, noise = SensorWatch(), np.random.default_rng(0).normal(0, 0.3, (4 * LOOKS, 6))
+    readings = np.round((RAW + noise) / step) * step
+    readings[LOOKS:, :3] = np.round(np.array(RAW[:3]) / step) * step
+    look(watch, readings)
+    assert watch.stuck == (('force_x', 'force_y', 'force_z') if found else ())
+
+
 @pytest.mark.parametrize('whole', [True, False], ids=['frozen', 'saturated'])
 def test_pulses_of_the_same_reading_are_found_by_their_share(whole):
     watch, rng = SensorWatch(), np.random.default_rng(0)

@@ -17,6 +17,8 @@ LOOKS = 50
 #: Only the same value in a row for more looks than this counts, 1 s: sensors that are slower than
 #: the node's looks, or have coarse steps, repeat themselves for less.
 _RUN_LOOKS = 10
+#: An axis that never repeated itself for more looks has steps that are finer than its noise.
+_FINE_LOOKS = 2
 #: A look at a reading that lives takes this much of a look back: what stands still for more than
 #: a sixth of the time is found, and what lives is believed again after 25 s.
 _RECOVERY = 0.2
@@ -61,6 +63,8 @@ class SensorWatch:
         #: Per axis: the newest reading, its least and its largest, and how often it was the same.
         self._raw, self._least, self._most = np.full((3, len(AXES)), np.nan)
         self._same: IntArray = np.zeros(len(AXES), np.int64)
+        #: Per axis: for how many looks it ever was the same before it changed.
+        self._longest = self._same
         #: The readings of the last two seconds.
         self._lately: deque[FloatArray] = deque(maxlen=2 * _RUN_LOOKS)
         #: What the free sensor was to read, N and N m, when a reading rested near zero.
@@ -75,16 +79,18 @@ class SensorWatch:
         before, self._raw = self._raw, np.array(raw)
         self._lately.append(self._raw)
         is_same = self._raw == before
+        self._longest = np.where(is_same, self._longest, np.maximum(self._longest, self._same))
         self._same = np.where(is_same, self._same + 1, 0)
         self._lively += (~is_same - self._lively) / LOOKS
         self._least = np.fmin(self._least, self._raw)
         self._most = np.fmax(self._most, self._raw)
         extreme = (self._raw == self._least) | (self._raw == self._most)
         held = self._same > _RUN_LOOKS
-        # Forces have one resolution, and torques another one.
+        # Forces have one resolution, and torques another one; three of one board may hang at once.
+        is_fine = self._longest <= _FINE_LOOKS
         others_live = ((self._lively > _LIVELY_SHARE) & ~held).reshape(2, 3).any(axis=1).repeat(3)
         has_moved = self._least < self._most
-        is_odd = (has_moved & (extreme | others_live)) | (others_live & (self._raw != 0))
+        is_odd = (has_moved & (extreme | others_live | is_fine)) | (others_live & (self._raw != 0))
         stuck = held & is_odd & ~held.all()
         change = np.where(np.append(stuck, held.all()), 1.0, -_RECOVERY)
         self._still = np.clip(self._still + change, 0.0, 2 * LOOKS)
@@ -122,8 +128,8 @@ class SensorWatch:
         """
         Axes that repeat one value again and again while others move.
 
-        Either it is their largest or least one, or the other forces, or torques, all but never
-        repeat one. An axis that never read anything but 0 is an absent one.
+        Either it is their largest or least one, or they never repeated one before, or the other
+        forces, or torques, all but never do. An axis that never read anything but 0 is absent.
         """
         if self.frozen:
             return ()
