@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.stream.tare import TareCollector
 
@@ -67,3 +68,22 @@ def test_wrenches_that_are_not_finite_are_refused(value):
     wrenches[50:, 5] = value
     with pytest.raises(TareRefusedError, match='finite wrenches'):
         collect(wrenches).result()
+
+
+@pytest.mark.parametrize(
+    ('stands', 'at', 'step', 'dead'),
+    [
+        ([2], 200.0, 0.0, ['force_z']), ([2], 0.0, 0.0, ['force_z']), ([1, 5], 0.0, 0.0, []),
+        ([0, 1, 2], 0.0, 0.0, ['force_z']), ([3, 4, 5], math.nan, 0.0, []),
+        ([2], 30.0, 0.5, []), (range(6), 1.0, 0.0, list(AXES)),
+    ],
+    ids=['saturated', 'not up', 'absent', 'two absent', 'no torques', 'coarse', 'frozen'],
+)  # fmt: skip
+def test_axes_that_do_not_live_are_found_where_the_others_do_or_a_model_knows_them(
+    stands, at, step, dead
+):
+    wrenches = noisy()
+    if step:
+        wrenches = np.round(wrenches / step) * step
+    wrenches[:, list(stands)] = at
+    assert collect(wrenches).dead(['force_z']) == dead

@@ -97,13 +97,13 @@ class TareService(Part):
                 'again when the sensor works.'
             )
         mean, stamp_ns = collector.result()
-        if collector.unchanged:
-            reading = ', '.join(f'{value:.4g}' for value in mean)
+        if dead := collector.dead(model.axes if model else ()):
+            reading = ', '.join(f'{axis} {mean[AXES.index(axis)]:.4g}' for axis in dead)
             raise TareRefusedError(
                 f'All wrenches of the tare are the same to the last bit ({reading}): the sensor '
-                'is frozen, or not up yet. Look at its driver. Mock hardware, whose readings '
-                'never change, needs no tare: do not call it there. Where the steps of the sensor '
-                'are coarse, raise tare.duration.'
+                'is frozen, saturated, or not up yet. Look at its driver. Mock hardware, whose '
+                'readings never change, needs no tare: do not call it there. Where the steps of '
+                'the sensor are coarse, raise tare.duration.'
             )
         weights, why, weight = [one for one in self._weights if one is not None], '', None
         if otherwise := self.external.wrong:

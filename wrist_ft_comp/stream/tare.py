@@ -4,7 +4,7 @@ Taring: a mean raw wrench over some time, refused while the load moves.
 What a tare holds beside the load, because of the drift, is said here, too.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 import math
 
 import numpy as np
@@ -18,6 +18,7 @@ from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.drift_warnings import frozen_doubts, gap_doubts
+from wrist_ft_comp.stream.wrench_faults import LIVELY_SHARE
 
 #: Parts whose means are compared with the whole: noise averages out, motion does not.
 _PARTS = 5
@@ -54,10 +55,21 @@ class TareCollector:
         self._wrenches.append(raw)
         return self.lasted_ns >= self._duration_ns
 
-    @property
-    def unchanged(self) -> bool:
-        """Whether all wrenches are the same to the last bit, as those of a frozen sensor are."""
-        return len({np.array(wrench).tobytes() for wrench in self._wrenches}) == 1
+    def dead(self, known: Collection[str]) -> list[str]:
+        """
+        List the axes that read the same to the last bit, as those of a sensor that is not up do.
+
+        Not those whose steps are coarse, as of the other forces, or torques, that live; nor those
+        that read 0, as absent ones do, unless a model knows them (``known``).
+        """
+        wrenches = np.array(self._wrenches)
+        changes = np.mean(np.nan_to_num(np.diff(wrenches, axis=0)) != 0, axis=0)
+        stands = (changes == 0) & np.isfinite(wrenches[0])
+        others_live = (changes > LIVELY_SHARE).reshape(2, 3).any(axis=1).repeat(3)
+        is_odd = np.where(wrenches[0] == 0, np.isin(AXES, list(known)), others_live)
+        return [
+            axis for axis, no in zip(AXES, stands & (is_odd | ~changes.any()), strict=True) if no
+        ]
 
     def result(self) -> tuple[FloatArray, int]:
         """

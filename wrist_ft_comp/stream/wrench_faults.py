@@ -24,7 +24,7 @@ _FINE_LOOKS = 2
 _RECOVERY = 0.2
 #: An axis lives where at least this share of its looks in the last 5 s showed a new value. Of a
 #: sensor whose steps are as coarse as its noise, half do.
-_LIVELY_SHARE = 0.8
+LIVELY_SHARE = 0.8
 #: What a free sensor reads is known to this many standard deviations of the model, but not better
 #: than the second, N, and to the third on axes without a model.
 _CERTAIN, _RESOLVED_N, _UNKNOWN_N = 3.0, 0.2, 0.5
@@ -88,7 +88,7 @@ class SensorWatch:
         held = self._same > _RUN_LOOKS
         # Forces have one resolution, and torques another one; three of one board may hang at once.
         is_fine = self._longest <= _FINE_LOOKS
-        others_live = ((self._lively > _LIVELY_SHARE) & ~held).reshape(2, 3).any(axis=1).repeat(3)
+        others_live = ((self._lively > LIVELY_SHARE) & ~held).reshape(2, 3).any(axis=1).repeat(3)
         has_moved = self._least < self._most
         is_odd = (has_moved & (extreme | others_live | is_fine)) | (others_live & (self._raw != 0))
         stuck = held & is_odd & ~held.all()

@@ -63,7 +63,7 @@ def test_a_sensor_with_three_forces_is_tared_and_recorded(rig):
 def test_a_moving_load_is_refused_and_the_tare_stays(rig):
     node = rig()
     assert tare(node).success
-    moving = OFFSET + np.linspace(0, 8, 51)[:, np.newaxis] * [0, 0, 1, 0, 0, 0]
+    moving = OFFSET + np.linspace(0, 8, 51)[:, np.newaxis] * [0.01, 0.01, 1, 0, 0, 0]
     answer = tare(node, STAMPS + 5 * SECOND, moving)
     assert not answer.success
     assert 'force_z moved by 3.28 N while taring; at most 1 N are allowed' in answer.message
@@ -96,7 +96,7 @@ def test_a_tare_over_a_change_of_the_model_is_refused(rig):
     [
         (WRENCHES[:0], 'was to last 1 s by the stamps of the wrench (tare.duration); 0 wrenches'),
         (WRENCHES[:10], '10 wrenches came, of 0.18 s'),
-        (0 * abs(WRENCHES), 'same to the last bit (0, 0, 0, 0, 0, 0): the sensor is frozen'),
+        (0 * abs(WRENCHES), 'same to the last bit (force_x 0, force_y 0,'),
     ],
     ids=['none', 'falls silent', 'zeros'],
 )
