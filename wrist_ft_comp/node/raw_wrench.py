@@ -16,11 +16,16 @@ from wrist_ft_comp.ros.topics import why_silent
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import WrenchStamps
 from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.wrench_faults import SensorWatch, unusable, was_away
 from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 
 #: A node that did not look for longer, s, was held up itself: nobody knows whether wrenches came.
 _HELD_UP_S = 3.0
+#: A clock that begins anew below this, s, is that of a sensor that was switched on.
+_SWITCHED_ON_S = 600.0
+#: What an axis reads that is there, N; of a torque, a tenth of it in N m.
+_THERE_N = 0.5
 
 
 @dataclass
@@ -110,12 +115,23 @@ class WrenchInput(Part):
                 f'no raw wrenches, or unusable ones, came for {away_s:.0f} s: if the sensor was '
                 'off, its zero may be another one; call ~/tare'
             )
+        is_anew = passed_s < 0 and stamp_ns < _SWITCHED_ON_S * NANOSECONDS
+        if is_anew and not self.hub.get_parameter('use_sim_time').value:
+            compensator.doubt_zero(
+                'stamps of the wrench began anew: if the sensor was off, its zero may be another '
+                'one; call ~/tare'
+            )
         self._heard_s = self._quiet_s = now_s
         self._looked_at, self._stamp_ns = number, stamp_ns
         layout = locate(data, WRENCH_DOUBLES)
         self._frame = self._frame or layout.frame_id(data)
         self.stamps.look(stamp_ns if layout.decode(data)[0] != 0 else 0)
         self.sensor.look(np.nan_to_num(raw).tolist())
+        # The tare of an axis that was not there is 0.
+        is_there = np.abs(np.nan_to_num(raw)) > axis_limits(_THERE_N)
+        if compensator.tared and (is_new := is_there & (compensator.tare == 0)).any():
+            axes = ', '.join(AXES[i] for i in np.flatnonzero(is_new))
+            compensator.doubt_zero(f'{axes} read nothing, or 0, at the tare; call ~/tare')
         # What a free sensor reads is known as long as the tare is not in doubt.
         free = compensator.compensation.zero + compensator.tare
         if not compensator.zero_doubts and self.sensor.zeroed(free, self._deviation):

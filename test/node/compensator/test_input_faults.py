@@ -163,7 +163,7 @@ def test_a_silent_sensor_may_have_another_zero(fake_hub, monkeypatch, stamped_s,
     clock, counts, said = [0.0], Counts(), []
     monkeypatch.setattr(raw_wrench, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
     stream = SimpleNamespace(
-        doubt_zero=said.append, compensation=no_drift(), tare=0.0, zero_doubts=['some'],
+        doubt_zero=said.append, compensation=no_drift(), tare=RAW, zero_doubts=['some'],
         tared=stamped_s != 'first, not tared',
     )  # fmt: skip
     part = WrenchInput(counts, stream)
@@ -179,6 +179,33 @@ def test_a_silent_sensor_may_have_another_zero(fake_hub, monkeypatch, stamped_s,
         part.poll()
     assert (len(said), part.stamps.leapt) == expected
     assert all('unusable ones, came for 20 s' in doubt for doubt in said)
+
+
+@pytest.mark.usefixtures('ros_domain')
+@pytest.mark.parametrize(
+    ('at_tare', 'stamps_s', 'simulated', 'said'),
+    [
+        (RAW, (0, 1), False, ''),
+        (RAW * [1, 1, 1, 0, 0, 0], (0, 1), False, 'torque_x, torque_y, '),
+        (RAW * [1, 1, 1, math.nan, 1, 1], (0, 1), False, 'torque_x read nothing, or 0,'),
+        (RAW, (1_700_000_000, 2), False, 'stamps of the wrench began anew: if the sensor was off'),
+        (RAW, (5000, 2), True, ''), (RAW, (5000, 4990), False, ''),
+    ],
+    ids=['well', 'zeros', 'nothing', 'switched on', 'simulated', 'clock set'],
+)  # fmt: skip
+def test_what_begins_after_a_tare_is_not_zeroed_by_it(
+    fake_hub, at_tare, stamps_s, simulated, said
+):
+    counts, stream = Counts(), Compensator(1)
+    part = WrenchInput(counts, stream)
+    fake_hub(part)
+    part.hub.values['use_sim_time'] = simulated
+    stream.set_tare(at_tare, stamps_s[0] * SECOND)
+    for stamp_ns in (stamp_s * SECOND for stamp_s in stamps_s):
+        data = serialize_message(wrench_message(stamp_ns, 'tool0', RAW))
+        counts.newest, counts.wrenches = (stamp_ns, RAW.tolist(), data), counts.wrenches + 1
+        part.poll()
+    assert [why.startswith(said) for why in stream.zero_doubts] == ([True] if said else [])
 
 
 @pytest.mark.usefixtures('ros_domain')
