@@ -21,8 +21,9 @@ from wrist_ft_comp.series import BoolArray, IntArray, NANOSECONDS
 
 #: The stamp of a sample that came without one.
 NO_TIME = int(np.iinfo(np.int64).min)
-#: Stamps leap where they step by more than this, s ...
-LEAP_S = 60.0
+#: Stamps leap where they step by more than the first, s, or by more than the second beyond what
+#: passed by arrival (a bag that is played fast looks so, too, where a thermometer is silent) ...
+LEAP_S, _SET_S = 60.0, 20.0
 #: ... and by more usual steps than this, because those of a slow sensor are long.
 _LEAP_STEPS = 4
 #: Stamps of wrenches stand still after this many looks in a row at the same one.
@@ -41,9 +42,9 @@ _FRESH_WRENCH_S = 1.0
 SAME_CLOCK_S = 3600.0
 
 
-def leaps(step_ns: int, usual_step_ns: int) -> bool:
+def leaps(step_ns: int, usual_step_ns: int, least_s: float = LEAP_S) -> bool:
     """Whether a step between stamps is longer than a silence that needs no proof."""
-    return step_ns > max(LEAP_S * NANOSECONDS, _LEAP_STEPS * usual_step_ns)
+    return step_ns > max(least_s * NANOSECONDS, _LEAP_STEPS * usual_step_ns)
 
 
 class WrenchStamps:
@@ -137,10 +138,14 @@ class SourceClocks:
             return []
         last, usual_ns = clock.last, clock.step_ns or 0
         step_ns = 0 if last is None else sample.stamp_ns - last.stamp_ns
+        passed_ns = _passed_ns(last, sample)
+        ahead_ns = step_ns - (passed_ns or 0)
         if leaps(step_ns, usual_ns):
-            step_ns -= _passed_ns(last, sample) or 0  # a silence that arrival confirms
+            step_ns = ahead_ns  # a silence that arrival confirms
+        is_known = passed_ns is not None and usual_ns > 0
+        is_ahead = leaps(ahead_ns, usual_ns, _SET_S if is_known else LEAP_S)
         kept, clock.kept = clock.kept, None
-        if last is None or not (step_ns < -self._patience_ns or leaps(step_ns, usual_ns)):
+        if last is None or not (step_ns < -self._patience_ns or is_ahead):
             self.strays += kept is not None
             if last is not None and sample.stamp_ns <= last.stamp_ns:
                 self.rejected += 1
