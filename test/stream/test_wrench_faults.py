@@ -50,13 +50,15 @@ def test_three_forces_that_hang_at_once_are_stuck_unless_their_steps_are_coarse(
     assert watch.stuck == (('force_x', 'force_y', 'force_z') if found else ())
 
 
-@pytest.mark.parametrize('whole', [True, False], ids=['frozen', 'saturated'])
-def test_pulses_of_the_same_reading_are_found_by_their_share(whole):
+@pytest.mark.parametrize(
+    ('whole', 'looks'), [(True, 40), (False, 40), (False, 9)], ids=['frozen', 'long', 'short']
+)
+def test_pulses_of_the_same_reading_are_found_by_their_share(whole, looks):
     watch, rng = SensorWatch(), np.random.default_rng(0)
     found = []
-    for _ in range(10):
-        readings = RAW + rng.normal(0, 1, (80, 6))
-        readings[40:, slice(None) if whole else 2] = 200.0
+    for _ in range(400 // looks):
+        readings = RAW + rng.normal(0, 1, (2 * looks, 6))
+        readings[looks:, slice(None) if whole else 2] = 200.0
         for reading in readings:
             look(watch, reading)
             found.append(watch.frozen if whole else watch.stuck == ('force_z',))

@@ -17,8 +17,8 @@ from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.thermal_cells import ThermalCell
 
-#: Two nodes of one name are said when they have been there for this time, s: one that was killed
-#: stays in the graph for 20 s with Fast DDS.
+#: Two nodes of one name or topic are said when they have been there for this time, s: one that
+#: was killed stays in the graph for 20 s with Fast DDS.
 _TWINS_S = 30.0
 
 
@@ -39,7 +39,7 @@ class DriftTopic(Part):
 
     def __init__(self, compensator: Compensator, counts: Counts) -> None:
         self._compensator, self._counts, self._growth = compensator, counts, Growth()
-        #: When this node was the only one of its name last, by the steady clock, s.
+        #: When no other node had this name or published this wrench last, by the steady clock, s.
         self._alone_s = time.monotonic()
 
     def start(self) -> None:
@@ -69,10 +69,15 @@ class DriftTopic(Part):
         self.correction.publish(wrench_message(stamp_ns, self.hub.hardware_id(), correction))
 
     def statuses(self) -> Iterator[Status]:
-        """Report what is subtracted, whether it hits a limit, and another node of this name."""
+        """Report what is subtracted, whether it hits a limit, and who else publishes it."""
         hub, stream, counts = self.hub, self._compensator, self._counts
         own = hub.get_name(), hub.get_namespace()
-        if hub.get_node_names_and_namespaces().count(own) <= 1:
+        topic, rival = hub.resolve_topic_name('wrench'), ''
+        if hub.get_node_names_and_namespaces().count(own) > 1:
+            rival = f'two nodes are called {hub.get_fully_qualified_name()}, and both publish'
+        elif hub.count_publishers(topic) > 1:
+            rival = f'another node publishes {topic}, too, so that wrenches are mixed'
+        else:
             self._alone_s = time.monotonic()
         grown, _ = self._growth.since(failed=counts.failed, wrenches=counts.wrenches)
         comes = 'wrenches' in self._growth.lately()
@@ -97,12 +102,12 @@ class DriftTopic(Part):
         for axis, share in zip(AXES, stream.compensation.sensitivity, strict=True):
             numbers[f'{axis}_sensitivity'] = f'{100 * share:.3g} %'
         status = doubtful(
-            self.title, self._doubts(grown['failed'], comes=comes), 'compensated', numbers
+            self.title, self._doubts(grown['failed'], rival, comes=comes), 'compensated', numbers
         )
         is_error = grown['failed'] or stream.limits.too_large
         yield replace(status, level=ERROR) if is_error else status
 
-    def _doubts(self, failed: int, *, comes: bool) -> Iterator[str]:
+    def _doubts(self, failed: int, rival: str, *, comes: bool) -> Iterator[str]:
         """Say what is wrong with what is published, the worst first."""
         stream = self._compensator
         if self._counts.newest is not None and not comes:
@@ -112,9 +117,8 @@ class DriftTopic(Part):
             yield f'wrenches were lost by a fault of this program: {self._counts.fault}'
         if large:
             yield f'drift of {large} is at its limit'
-        if time.monotonic() - self._alone_s > _TWINS_S:
-            name = self.hub.get_fully_qualified_name()
-            yield f'two nodes are called {name}, and both publish; end one, or rename it'
+        if rival and time.monotonic() - self._alone_s > _TWINS_S:
+            yield f'{rival}; end one, or rename it'
         if fast:
             yield f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
         if not stream.compensating:

@@ -17,7 +17,8 @@ LOOKS = 50
 #: Only the same value in a row for more looks than this counts, 1 s: sensors that are slower than
 #: the node's looks, or have coarse steps, repeat themselves for less.
 _RUN_LOOKS = 10
-#: An axis that never repeated itself for more looks has steps that are finer than its noise.
+#: An axis that never repeated itself for more looks has steps that are finer than its noise, but
+#: where it was saturated.
 _FINE_LOOKS = 2
 #: A look at a reading that lives takes this much of a look back: what stands still for more than
 #: a sixth of the time is found, and what lives is believed again after 25 s.
@@ -63,7 +64,7 @@ class SensorWatch:
         #: Per axis: the newest reading, its least and its largest, and how often it was the same.
         self._raw, self._least, self._most = np.full((3, len(AXES)), np.nan)
         self._same: IntArray = np.zeros(len(AXES), np.int64)
-        #: Per axis: for how many looks it ever was the same before it changed.
+        #: Per axis: for how many looks it ever was the same, inside its range, before it changed.
         self._longest = self._same
         #: The readings of the last two seconds.
         self._lately: deque[FloatArray] = deque(maxlen=2 * _RUN_LOOKS)
@@ -79,7 +80,8 @@ class SensorWatch:
         before, self._raw = self._raw, np.array(raw)
         self._lately.append(self._raw)
         is_same = self._raw == before
-        self._longest = np.where(is_same, self._longest, np.maximum(self._longest, self._same))
+        ended = ~is_same & (before > self._least) & (before < self._most)
+        self._longest = np.where(ended, np.maximum(self._longest, self._same), self._longest)
         self._same = np.where(is_same, self._same + 1, 0)
         self._lively += (~is_same - self._lively) / LOOKS
         self._least = np.fmin(self._least, self._raw)
@@ -91,7 +93,8 @@ class SensorWatch:
         others_live = ((self._lively > LIVELY_SHARE) & ~held).reshape(2, 3).any(axis=1).repeat(3)
         has_moved = self._least < self._most
         is_odd = (has_moved & (extreme | others_live | is_fine)) | (others_live & (self._raw != 0))
-        stuck = held & is_odd & ~held.all()
+        repeats = held | (is_fine & extreme & (self._same > _FINE_LOOKS))
+        stuck = repeats & is_odd & ~held.all()
         change = np.where(np.append(stuck, held.all()), 1.0, -_RECOVERY)
         self._still = np.clip(self._still + change, 0.0, 2 * LOOKS)
 
