@@ -180,10 +180,8 @@ class TemperatureInput(Part):
         heard.newest = stamp_ns, temperature_c
         at_ns, newest = stamp_ns or self.hub.now_ns(), self.counts.newest
         arrival_ns = self._arrival_ns()
-        if stamp_ns:
-            topic, cell_ns = heard.topic, self._tracker.grid.period_ns
-            came_ns = arrival_ns or self.hub.now_ns()
-            self._comparison.note(topic, stamp_ns, came_ns, cell_ns / NANOSECONDS)
+        came_ns, period_ns = arrival_ns or self.hub.now_ns(), self._tracker.grid.period_ns
+        self._comparison.note(heard.topic, at_ns, came_ns, period_ns / NANOSECONDS)
         # Specific force that came before this would else be too late for the recording's cell.
         self.hub.do(self.specific_force, self.specific_force.poll)
         cells = self.compensator.add_temperature(

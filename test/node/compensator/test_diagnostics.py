@@ -143,15 +143,20 @@ def test_a_model_that_compensates_no_axis_is_a_warning(rig, make_model):
         assert node.diagnosis(name, words).level == WARN
 
 
-def test_a_thermometer_on_another_clock_than_the_wrench_is_named(rig, monkeypatch):
+@pytest.mark.parametrize('stamped', [True, False])
+def test_a_thermometer_on_another_clock_than_the_wrench_is_named(rig, monkeypatch, stamped):
+    """What has no stamp is of the time of its arrival."""
     comparison = partial(ClockComparison, patience_s=0.0)
     monkeypatch.setattr('wrist_ft_comp.node.temperature_topics.ClockComparison', comparison)
     node = rig(parameters={'temperature_timeout': 3600})
     for late_s, words in ((0, ''), (40, 'all drivers must use one clock')):
         now = time.time_ns()
-        node.ask_output(now, LOAD)
+        node.ask_output(now + (not stamped) * late_s * SECOND, LOAD)
         node.node.housekeep()
-        node.warm(now - late_s * SECOND, 25.0)
+        if stamped:
+            node.warm(now - late_s * SECOND, 25.0)
+        else:
+            node.node.inputs.take(0, None, 25.0)
         status = node.diagnosis('temperature', words)
         assert ('one clock' in status.message) == bool(words)
     assert f'stamps of {node.topic("temperature")} are 40.0 s behind those' in status.message
