@@ -91,6 +91,9 @@ def test_stamps_of_wrenches_are_judged_by_their_steps():
     for stamp_ns, unstamped in ((0, True), (at, False)):
         watch.look(stamp_ns)
         assert watch.missing == unstamped
+    for look in range(40):  # in whole seconds, ten looks a second
+        watch.look(at + look // 10 * SECOND)
+        assert not watch.stand_still
 
 
 def test_a_thermometer_that_comes_back_is_no_clock_that_was_set():

@@ -247,7 +247,7 @@ class TemperatureInput(Part):
         yield from seldom_doubts(self._tracker, self.compensator.moves)
         yield from gap_doubts(self._tracker)
         yield from self._silence()
-        if 0 < grown['rejected'] >= grown['usable'] / 2:
+        if 0 < grown['rejected'] >= grown['usable']:  # of whole seconds, one counts
             yield 'temperatures are dropped, because their stamps do not increase'
         for topic, ahead_s in self._comparison.ahead_s.items():
             side = 'ahead of' if ahead_s > 0 else 'behind'

@@ -26,8 +26,9 @@ NO_TIME = int(np.iinfo(np.int64).min)
 LEAP_S, _SET_S = 60.0, 20.0
 #: ... and by more usual steps than this, because those of a slow sensor are long.
 _LEAP_STEPS = 4
-#: Stamps of wrenches stand still after this many looks in a row at the same one.
-_SAME_LOOKS = 5
+#: Stamps of wrenches stand still after this many looks in a row at the same one, 2 s: some drivers
+#: stamp in whole seconds.
+_SAME_LOOKS = 20
 #: Two sources have two clocks where their stamps, less their arrival, differ for this time, s: a
 #: busy computer delays for less. Shorter ones would warn of a clock that is being set ...
 APART_FOR_S = 30.0

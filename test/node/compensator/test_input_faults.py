@@ -327,11 +327,13 @@ class TestTemperature:
         corrected = node.ask_output(START + 3000 * SECOND, RAW)
         np.testing.assert_allclose(corrected, RAW - [0, 0, zero, 0, 0, 0], atol=0.1)
 
-    def test_a_reading_that_is_sent_again_until_the_next_one_is_no_fault(self, warm):
+    @pytest.mark.parametrize('each', [5, 1], ids=['the same reading', 'stamps in whole seconds'])
+    def test_a_stamp_that_is_sent_again_until_the_next_one_is_no_fault(self, warm, each):
         node = warm()
         node.diagnosis('temperature')
         for message in range(20 * 5, 40 * 5):
-            node.node.inputs.take(0, START + message // 5 * SECOND, 30.0 + message // 5 / 1000)
+            celsius = 30.0 + message // each * each / 5000
+            node.node.inputs.take(0, START + message // 5 * SECOND, celsius)
         status = node.diagnosis('temperature')
         assert (status.level, status.message) == (OK, 'all thermometers report')
 
