@@ -1,5 +1,6 @@
 """The raw wrenches: they are judged, and what has come of them is counted."""
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 import math
@@ -81,8 +82,10 @@ class WrenchInput(Part):
         self._heard_s: float | None = None
         #: When it was looked last, and since when no wrench has come, s.
         self._looked_s = self._quiet_s = 0.0
-        #: Number and stamp of the wrench that was looked at last, ns, and the first frame_id.
-        self._looked_at, self._stamp_ns, self._frame = 0, 0, ''
+        #: Number and stamp of the wrench that was looked at last, ns.
+        self._looked_at, self._stamp_ns = 0, 0
+        #: The first frame_id, and those of the last two seconds.
+        self._frame, self._frames = '', deque[str](maxlen=20)
         #: Standard deviation of the model, N and N m, (6,), NaN where there is none.
         self._deviation: FloatArray = np.full(len(AXES), np.nan)
         self._growth = Growth()
@@ -124,7 +127,8 @@ class WrenchInput(Part):
         self._heard_s = self._quiet_s = now_s
         self._looked_at, self._stamp_ns = number, stamp_ns
         layout = locate(data, WRENCH_DOUBLES)
-        self._frame = self._frame or layout.frame_id(data)
+        self._frames.append(layout.frame_id(data))
+        self._frame = self._frame or self._frames[-1]
         self.stamps.look(stamp_ns if layout.decode(data)[0] != 0 else 0)
         self.sensor.look(np.nan_to_num(raw).tolist())
         # The tare of an axis that was not there is 0.
@@ -193,6 +197,8 @@ class WrenchInput(Part):
         """Say that readings are mixed, or frozen, or an axis stuck; empty where a sensor lives."""
         if (count := self.hub.count_publishers(self.hub.resolve_topic_name('wrench_raw'))) > 1:
             return f'{count} publishers share the topic; their readings are mixed'
+        if len(frames := set(self._frames)) > 1:
+            return f'wrenches of {" and ".join(sorted(frames))} come by turns, and are mixed'
         if self.sensor.frozen:
             return 'the reading has not changed by a bit for seconds; is the sensor frozen?'
         if axes := ', '.join(self.sensor.stuck):
@@ -209,10 +215,10 @@ class WrenchInput(Part):
                     f'{topic} comes from another compensator, {name}: drift is taken off twice; '
                     "remap wrench_raw to the driver's topic"
                 )
-        if self._frame and (frame := self.hub.hardware_id()) != self._frame:
+        if self._frame and (others := [one for one in self._frames if one != self._frame]):
             yield (
-                f'frame_id was {self._frame} and is {frame or "empty"} now; is it another sensor, '
-                f'or turned? Drift, payload and tare are those of {self._frame}'
+                f'frame_id was {self._frame} and is {others[-1] or "empty"} now; is it another '
+                f'sensor, or turned? Drift, payload and tare are those of {self._frame}'
             )
         if sick := self.sickness():
             yield sick

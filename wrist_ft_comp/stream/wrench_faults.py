@@ -65,7 +65,7 @@ class SensorWatch:
         self._raw, self._least, self._most = np.full((3, len(AXES)), np.nan)
         self._same: IntArray = np.zeros(len(AXES), np.int64)
         #: Per axis: for how many looks it ever was the same, inside its range, before it changed.
-        self._longest = self._same
+        self._longest: IntArray = self._same
         #: The readings of the last two seconds.
         self._lately: deque[FloatArray] = deque(maxlen=2 * _RUN_LOOKS)
         #: What the free sensor was to read, N and N m, when a reading rested near zero.

@@ -112,14 +112,15 @@ def test_the_figures_that_people_look_for_are_in_the_statuses(rig, make_model):
     assert node.set('model_file', str(model.path)).successful
     node.warm_up(30.0)
     node.ask_output(START + 3 * SECOND, LOAD)
-    node.node.compensator.restore_tare(np.array([0, 0, 3.0, 0, 0, 0]), np.zeros(6), tared=True)
+    tare = np.array([1.0, 1.0, 3.0, 0.2, 0.2, 0.2])
+    node.node.compensator.restore_tare(tare, np.zeros(6), tared=True)
     for name, words, values in (
         ('model', 'compensating 1 axis', {
             'axes': 'force_z', 'sha256': model.sha256, 'file': str(model.path),
             'thermometer_1_calibrated_c': '-50.0 to 150.0',
         }),
         ('output', '', {
-            'force_z_drift': '20 N', 'force_z_sensitivity': '1 %', 'torque_x_tare': '0 N m',
+            'force_z_drift': '20 N', 'force_z_sensitivity': '1 %', 'torque_x_tare': '0.2 N m',
             'tare': 'active', 'force_z_tare': '3 N',
         }),
     ):  # fmt: skip

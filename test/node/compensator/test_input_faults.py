@@ -109,6 +109,7 @@ LOOKED_AT = {
     ),
     'two drivers': (noisy(40), STAMPS, 'tool0', WARN, '2 publishers share the topic; their'),
     'moved': (noisy(40), STAMPS, 'tool1', WARN, 'frame_id was tool0 and is tool1 now'),
+    'by turns': (noisy(40), STAMPS, 'tool0 or tool1', WARN, 'tool0 and tool1 come by turns, and'),
     'nameless': (noisy(40), STAMPS, '', WARN, 'frame_id was tool0 and is empty now'),
     'a chain': (noisy(40), STAMPS, 'tool0', WARN, 'comes from another compensator, /a/wrist'),
 }  # fmt: skip
@@ -136,7 +137,8 @@ def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # n
     hub.publisher = '/a/wrist_ft_comp' if name == 'a chain' else '/driver'
     part.start()
     for k, (wrench, stamp) in enumerate(zip(wrenches, stamps.tolist(), strict=False)):
-        hub.frame = frame if k >= 10 else 'tool0'
+        by_turns = frame.split(' or ')
+        hub.frame = by_turns[k % len(by_turns)] if k >= 10 else 'tool0'
         message = wrench_message(stamp, hub.frame, wrench)
         counts.newest = stamp or START + k, list(wrench), serialize_message(message)
         counts.wrenches += 1
