@@ -28,6 +28,19 @@ def test_between_two_poses_contact_is_no_turn_and_another_payload_is_found(gain,
     assert words in check.found
 
 
+@pytest.mark.parametrize('is_mirrored', [True, False])
+def test_a_mirrored_imu_is_said_in_small_motion_of_a_light_tool(is_mirrored):
+    """An arc of 46 degrees of 1 kg has four poses that differ by 2 N."""
+    check, rng = WeightCheck('tool'), np.random.default_rng(0)
+    for second in np.arange(0.0, 300.0, 1.01):
+        tilt = Rotation.from_euler('y', 23 * np.sin(second / 5), degrees=True)
+        force_n = tilt.apply([0, 0, -9.8]) + rng.normal(0, 0.1, 3)
+        weight_n = tilt.apply([0, 0, -9.8]) * [-1 if is_mirrored else 1, 1, 1]
+        check.add(np.append(force_n, np.zeros(3)), np.append(weight_n, np.zeros(3)))
+        assert is_mirrored or not check.found
+    assert ('specific force is mirrored or turned' in check.found) == is_mirrored
+
+
 @pytest.mark.parametrize('poses', [2, 3, 4, 6])
 def test_a_process_that_presses_in_one_of_few_poses_does_not_look_turned(poses):
     for seed in range(10):

@@ -23,8 +23,11 @@ from wrist_ft_comp.series import FloatArray, IntArray, ROUNDING
 MOVED_N = 2.0
 #: Changes that are kept, and fewest that say something.
 _KEPT, _FEWEST = 24, 10
-#: Fewer poses than this say nothing, where a process presses in one of them in each cycle.
+#: Fewer poses than this say nothing, where a process presses in one of them in each cycle ...
 _FEWEST_POSES = 6
+#: ... but for so many where the force moves against the weight, by this share of it and no more
+#: than the reciprocal, and one turn explains all that are kept but for this share of MOVED_N.
+_AGAINST_POSES, _AGAINST_SHARE, _AGAINST_REST = 3, 0.7, 0.5
 #: Triples of changes that are tried.
 _TRIPLES = 40
 #: Where this share of the newest changes is that of the weight, in three directions, contacts make
@@ -120,10 +123,16 @@ class WeightCheck:
 
     def _compare(self) -> str | None:
         """Say what the changes that are kept show; None where they do not tell."""
-        if len(distinct(self._poses)) < _FEWEST_POSES:
-            return None
-        changes = np.array(self._changes)
+        changes, poses = np.array(self._changes), len(distinct(self._poses))
         force, weight = changes[:, 0, :3], changes[:, 1, :3]
+        if poses < _FEWEST_POSES:
+            (turn,) = _fit_turns(force[None], weight[None])
+            rest_n = np.linalg.norm(force - weight @ turn.T, axis=1).max()
+            is_against = np.sum(force * weight) < -_AGAINST_SHARE * np.sum(weight**2)
+            is_as_large = np.linalg.norm(force) < np.linalg.norm(weight) / _AGAINST_SHARE
+            is_clear = is_against and is_as_large and rest_n < _AGAINST_REST * MOVED_N
+            if not is_clear or poses < _AGAINST_POSES or len(changes) < _KEPT:
+                return None
         triples = _draws(3, len(changes))
         turns = _fit_turns(force[triples], weight[triples])
         moved = np.einsum('tij,nj->tni', turns, weight)
