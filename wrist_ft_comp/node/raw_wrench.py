@@ -23,6 +23,8 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 
 #: A node that did not look for longer, s, was held up itself: nobody knows whether wrenches came.
 _HELD_UP_S = 3.0
+#: A sensor that sent zeros, or nothing usable, for this time, s, may have begun anew.
+_RESET_S = 1.0
 #: A clock that begins anew below this, s, is that of a sensor that was switched on.
 _SWITCHED_ON_S = 600.0
 #: What an axis reads that is there, N; of a torque, a tenth of it in N m.
@@ -84,6 +86,9 @@ class WrenchInput(Part):
         self._looked_s = self._quiet_s = 0.0
         #: Number and stamp of the wrench that was looked at last, ns.
         self._looked_at, self._stamp_ns = 0, 0
+        #: When a wrench was sound last, s, how many had been dropped by then, and whether an
+        #: unsound one came since.
+        self._sound_s, self._dropped, self._unsound = 0.0, 0, False
         #: The first frame_id, and those of the last two seconds.
         self._frame, self._frames = '', deque[str](maxlen=20)
         #: Standard deviation of the model, N and N m, (6,), NaN where there is none.
@@ -111,15 +116,21 @@ class WrenchInput(Part):
         is_judged = self._heard_s is not None or compensator.tared
         away_s = now_s - self._quiet_s if is_judged else 0.0
         passed_s = (stamp_ns - self._stamp_ns) / NANOSECONDS
-        if was_away(away_s, passed_s):
-            if abs(passed_s - away_s) < 1:  # no clock was set
+        simulated = self.hub.get_parameter('use_sim_time').value
+        is_sound = simulated or bool(np.nan_to_num(raw).any())
+        self._unsound |= not is_sound or self._counts.dropped > self._dropped
+        unsound_s = now_s - self._sound_s if is_judged and is_sound and self._unsound else 0.0
+        if was_away(away_s, passed_s) or unsound_s > _RESET_S:
+            if abs(passed_s - away_s) < 1 < away_s:  # no clock was set
                 self.sensor, self.stamps = SensorWatch(), WrenchStamps()
             compensator.doubt_zero(
-                f'no raw wrenches, or unusable ones, came for {away_s:.0f} s: if the sensor was '
-                'off, its zero may be another one; call ~/tare'
+                f'no raw wrenches, or unusable ones, came for {max(away_s, unsound_s):.0f} s: if '
+                'the sensor was off, its zero may be another one; call ~/tare'
             )
+        if is_sound:
+            self._sound_s, self._dropped, self._unsound = now_s, self._counts.dropped, False
         is_anew = passed_s < 0 and stamp_ns < _SWITCHED_ON_S * NANOSECONDS
-        if is_anew and not self.hub.get_parameter('use_sim_time').value:
+        if is_anew and not simulated:
             compensator.doubt_zero(
                 'stamps of the wrench began anew: if the sensor was off, its zero may be another '
                 'one; call ~/tare'
