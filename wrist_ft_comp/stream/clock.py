@@ -36,7 +36,7 @@ APART_FOR_S = 30.0
 _LEAST_APART_S = 1.0
 #: Specific force that comes farther than this from the wrench, s, is stamped by another clock; so
 #: is, in a bag, a wrench that is farther from its time of arrival.
-FORCE_APART_S, BAG_APART_S = 5.0, 10.0
+FORCE_APART_S, BAG_APART_S = 2.0, 10.0
 #: Only a wrench that came less than this before, s, is compared with.
 _FRESH_WRENCH_S = 1.0
 #: Stamps of two drivers that lie farther apart come from two clocks, s.

@@ -165,6 +165,7 @@ STATUSES = [
     ([(0, UP)], 0.0, OK, 'subtracting day-1'),
     ([(0, UP)], 0.3, WARN, 'specific force is older than gravity.timeout, or stays away'),
     ([(-7200, UP)], 0.0, WARN, '7200 s apart: two clocks; wrench_external rests'),
+    ([(-3, UP)], 0.0, WARN, '3 s apart: two clocks; wrench_external rests'),
     ([(0, UP / 9.807)] * specific_force._REPORTS, 0.0, WARN, 'is -90% off gravity'),
     ([(0, UP)] * specific_force._REPORTS, 0.0, WARN, 'is the IMU frozen?'),
     (
