@@ -117,7 +117,10 @@ class WrenchInput(Part):
         away_s = now_s - self._quiet_s if is_judged else 0.0
         passed_s = (stamp_ns - self._stamp_ns) / NANOSECONDS
         simulated = self.hub.get_parameter('use_sim_time').value
-        is_sound = simulated or bool(np.nan_to_num(raw).any())
+        # What a free sensor reads is known as long as the tare is not in doubt.
+        free = compensator.compensation.zero + compensator.tare
+        is_zero = not np.nan_to_num(raw).any() and (np.abs(free) > axis_limits(_THERE_N)).any()
+        is_sound = simulated or not is_zero
         self._unsound |= not is_sound or self._counts.dropped > self._dropped
         unsound_s = now_s - self._sound_s if is_judged and is_sound and self._unsound else 0.0
         if was_away(away_s, passed_s) or unsound_s > _RESET_S:
@@ -147,8 +150,6 @@ class WrenchInput(Part):
         if compensator.tared and (is_new := is_there & (compensator.tare == 0)).any():
             axes = ', '.join(AXES[i] for i in np.flatnonzero(is_new))
             compensator.doubt_zero(f'{axes} read nothing, or 0, at the tare; call ~/tare')
-        # What a free sensor reads is known as long as the tare is not in doubt.
-        free = compensator.compensation.zero + compensator.tare
         if not compensator.zero_doubts and self.sensor.zeroed(free, self._deviation):
             compensator.doubt_zero(
                 'the raw wrench jumped to zero on all axes at once: a program or the driver may '
