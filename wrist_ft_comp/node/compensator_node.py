@@ -165,7 +165,7 @@ class CompensatorNode(Hub):
                 self._output.publish(layout.encode(data, corrected))
                 counts.published += 1
             counts.wrenches += 1
-            counts.newest = stamp_ns, raw, data
+            counts.before, counts.newest = counts.newest, (stamp_ns, raw, data)
             for part in self._listeners:
                 self.do(part, part.on_wrench, stamp_ns, raw, data, layout)
         except Exception as error:  # the next wrench goes on; a new fault is logged once

@@ -37,6 +37,8 @@ class Counts:
 
     #: Stamp of the newest one, ns, its six numbers, N and N m, and the message's bytes.
     newest: tuple[int, Sequence[float], bytes] | None = None
+    #: The one before it: two sensors may come by turns.
+    before: tuple[int, Sequence[float], bytes] | None = None
     #: The publishers, by their identity in the graph; at first, those before a restart.
     drivers: set[str] = field(default_factory=set)
     #: Usable wrenches that arrived, and corrected ones that were published.
@@ -90,7 +92,7 @@ class WrenchInput(Part):
         #: unsound one came since.
         self._sound_s, self._dropped, self._unsound = 0.0, 0, False
         #: The first frame_id, and those of the last two seconds.
-        self._frame, self._frames = '', deque[str](maxlen=20)
+        self._frame, self._frames = '', deque[str](maxlen=40)
         #: Standard deviation of the model, N and N m, (6,), NaN where there is none.
         self._deviation: FloatArray = np.full(len(AXES), np.nan)
         self._growth = Growth()
@@ -141,7 +143,8 @@ class WrenchInput(Part):
         self._heard_s = self._quiet_s = now_s
         self._looked_at, self._stamp_ns = number, stamp_ns
         layout = locate(data, WRENCH_DOUBLES)
-        self._frames.append(layout.frame_id(data))
+        for message in filter(None, (self._counts.before, newest)):
+            self._frames.append(locate(message[2], WRENCH_DOUBLES).frame_id(message[2]))
         self._frame = self._frame or self._frames[-1]
         self.stamps.look(stamp_ns if layout.decode(data)[0] != 0 else 0)
         self.sensor.look(np.nan_to_num(raw).tolist())
