@@ -88,9 +88,8 @@ class WrenchInput(Part):
         self._looked_s = self._quiet_s = 0.0
         #: Number and stamp of the wrench that was looked at last, ns.
         self._looked_at, self._stamp_ns = 0, 0
-        #: When a wrench was sound last, s, how many had been dropped by then, and whether an
-        #: unsound one came since.
-        self._sound_s, self._dropped, self._unsound = 0.0, 0, False
+        #: When a wrench was sound last, s, and whether zeros, or no numbers, came since.
+        self._sound_s, self._unsound = 0.0, False
         #: The first frame_id, and those of the last two seconds.
         self._frame, self._frames = '', deque[str](maxlen=40)
         #: Standard deviation of the model, N and N m, (6,), NaN where there is none.
@@ -103,6 +102,7 @@ class WrenchInput(Part):
         strange = unusable(raw, raw if newest is None else newest[1])
         if strange is not None:
             self._counts.strange, self._counts.dropped = strange, self._counts.dropped + 1
+            self._unsound |= not any(map(math.isfinite, raw))
         return strange is None
 
     def poll(self) -> None:
@@ -123,7 +123,7 @@ class WrenchInput(Part):
         free = compensator.compensation.zero + compensator.tare
         is_zero = not np.nan_to_num(raw).any() and (np.abs(free) > axis_limits(_THERE_N)).any()
         is_sound = simulated or not is_zero
-        self._unsound |= not is_sound or self._counts.dropped > self._dropped
+        self._unsound |= not is_sound
         unsound_s = now_s - self._sound_s if is_judged and is_sound and self._unsound else 0.0
         if was_away(away_s, passed_s) or unsound_s > _RESET_S:
             if abs(passed_s - away_s) < 1 < away_s:  # no clock was set
@@ -133,7 +133,7 @@ class WrenchInput(Part):
                 'the sensor was off, its zero may be another one; call ~/tare'
             )
         if is_sound:
-            self._sound_s, self._dropped, self._unsound = now_s, self._counts.dropped, False
+            self._sound_s, self._unsound = now_s, False
         is_anew = passed_s < 0 and stamp_ns < _SWITCHED_ON_S * NANOSECONDS
         if is_anew and not simulated:
             compensator.doubt_zero(

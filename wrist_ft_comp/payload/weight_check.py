@@ -172,11 +172,13 @@ class WeightCheck:
                 )
             cosine = (np.trace(turn) / scale - 1) / 2
             turn_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-            if scale < 0 or turn_deg > _LEAST_TURN_DEG:
+            is_turned = turn_deg > _LEAST_TURN_DEG
+            if scale < 0 or is_turned:
+                how = f'mirrored or turned, by {turn_deg:.0f} degrees' if is_turned else 'mirrored'
                 return (
                     f'the force moves otherwise than the weight of {self._name}: specific force '
-                    f'is mirrored or turned, by {turn_deg:.0f} degrees; mend the mount of the IMU '
-                    'or the frame of the wrench, or call ~/identify_payload'
+                    f'is {how}; mend the mount of the IMU or the frame of the wrench, or call '
+                    '~/identify_payload'
                 )
             if abs(scale - 1) > np.radians(_LEAST_TURN_DEG):
                 return (
