@@ -23,7 +23,7 @@ from wrist_ft_comp.series import BoolArray, IntArray, NANOSECONDS
 NO_TIME = int(np.iinfo(np.int64).min)
 #: Stamps leap where they step by more than the first, s, or by more than the second beyond what
 #: passed by arrival (a bag that is played fast looks so, too, where a thermometer is silent) ...
-LEAP_S, _SET_S = 60.0, 20.0
+LEAP_S, _SET_S = 60.0, 5.0
 #: ... and by more usual steps than this, because those of a slow sensor are long.
 _LEAP_STEPS = 4
 #: Stamps of wrenches stand still after this many looks in a row at the same one, 2 s: some drivers
