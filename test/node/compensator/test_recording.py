@@ -152,7 +152,7 @@ def test_a_recording_whose_file_is_deleted_ends_with_a_sentence(rig, more):
     assert f'{path} cannot be written: it was deleted in the meantime.' in sentence
     assert 'has ended after 4 thermal cells. See that its file stays' in sentence
     assert start_recording(node).exists()
-    feed(node, 3, first=20)
+    feed(node, 3, first=6 + more)
     assert 'recorded 3 thermal cells' in node.call('record', False).message
 
 
