@@ -384,10 +384,3 @@ class TestTare:
         assert (tared.tared, swapped.tared) == (True, False), 'an offset that nobody took'
         np.testing.assert_allclose(alone.tare, tared.tare)
         assert not free.tare.any()
-
-
-def test_doubts_that_differ_in_numbers_only_are_one():
-    compensator = Compensator(1)
-    for why in ('nothing came for 4 s', 'nothing came for 8.5 s', 'another driver came'):
-        compensator.doubt_zero(why)
-    assert compensator.zero_doubts == ['nothing came for 4 s', 'another driver came']

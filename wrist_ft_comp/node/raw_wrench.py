@@ -128,10 +128,13 @@ class WrenchInput(Part):
         if was_away(away_s, passed_s) or unsound_s > _RESET_S:
             if abs(passed_s - away_s) < 1 < away_s:  # no clock was set
                 self.sensor, self.stamps = SensorWatch(), WrenchStamps()
-            compensator.doubt_zero(
-                f'no raw wrenches, or unusable ones, came for {max(away_s, unsound_s):.0f} s: if '
-                'the sensor was off, its zero may be another one; call ~/tare'
-            )
+            # Once, and not after each gap of a link.
+            if not any(why.startswith('no raw wrenches') for why in compensator.zero_doubts):
+                compensator.doubt_zero(
+                    'no raw wrenches, or unusable ones, came for '
+                    f'{max(away_s, unsound_s):.0f} s: if the sensor was off, its zero may be '
+                    'another one; call ~/tare'
+                )
         if is_sound:
             self._sound_s, self._unsound = now_s, False
         is_anew = passed_s < 0 and stamp_ns < _SWITCHED_ON_S * NANOSECONDS
@@ -213,7 +216,8 @@ class WrenchInput(Part):
         if (count := self.hub.count_publishers(self.hub.resolve_topic_name('wrench_raw'))) > 1:
             return f'{count} publishers share the topic; their readings are mixed'
         if len(frames := set(self._frames)) > 1:
-            return f'wrenches of {" and ".join(sorted(frames))} come by turns, and are mixed'
+            named = ' and '.join(sorted(frame or 'no frame' for frame in frames))
+            return f'wrenches of {named} come by turns, and are mixed'
         if self.sensor.frozen:
             return 'the reading has not changed by a bit for seconds; is the sensor frozen?'
         if axes := ', '.join(self.sensor.stuck):

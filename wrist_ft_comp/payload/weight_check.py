@@ -25,8 +25,9 @@ MOVED_N = 2.0
 _KEPT, _FEWEST = 24, 10
 #: Fewer poses than this say nothing, where a process presses in one of them in each cycle ...
 _FEWEST_POSES = 6
-#: ... but for so many where the force moves against the weight, by this share of it and no more
-#: than the reciprocal, and one turn explains all that are kept but for this share of MOVED_N.
+#: ... Where the force moves against the weight, fewer poses do. It has to move by at least this
+#: share of the weight, the weight by that share of the force, and one turn has to explain all
+#: changes but for a share of MOVED_N.
 _AGAINST_POSES, _AGAINST_SHARE, _AGAINST_REST = 3, 0.7, 0.5
 #: Triples of changes that are tried.
 _TRIPLES = 40
@@ -43,8 +44,8 @@ FORCES, DIRECTIONS, _IN_A_ROW, ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
 _MOUNTED_SHARE = 0.2
 #: Motion is what the weight changes by in this time, s, if it is more than this, N.
 LAG_STEP_S, _LEAST_MOTION_N = 0.1, 0.3
-#: A lag is said when so many looks in motion have come, this share of them agree on its sign, and
-#: it makes this share of the weight wrong.
+#: A lag is said after so many looks in motion. Most of them (a share) have to find that the force
+#: is late, or most that it is early, and it has to make so large a share of the weight wrong.
 _MOTIONS, _SAME_SIGN, _WRONG_SHARE = 16, 0.9, 0.05
 #: A lag leaves less than this share of the force, in the median: friction leaves more.
 _LAG_REST = 0.6

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-import re
 
 import numpy as np
 
@@ -259,13 +258,8 @@ class Compensator:
         return self.tare
 
     def doubt_zero(self, why: str) -> None:
-        """
-        Say until the next tare, in a sentence, why the zero may be another one.
-
-        Of sentences that differ in numbers only, as after each gap of a link, the first stays.
-        """
-        known = {re.sub(r'[\d.]+', '', said) for said in self._said}
-        if re.sub(r'[\d.]+', '', why) not in known:
+        """Say until the next tare, in a sentence, why the zero may be another one."""
+        if why not in self._said:
             self._said.append(why)
 
     def _doubt_uncertain(self, made: str) -> None:

@@ -3,9 +3,9 @@ Averages over thermal cells as a stream: of thermometers, and of the rows of the
 
 A cell is complete when every thermometer has sent a sample of a later one, or when the others are
 ahead of a silent one by more than the patience, or by ten of its usual pauses; that one's last
-value is held. Cells in which no
-thermometer was heard are left out: what they were like shows when the gap has ended
-(``temperature_gaps``). The only time is that of stamps, which ascend (``clock``).
+value is held. Cells in which no thermometer was heard are left out: what they were like shows
+when the gap has ended (``temperature_gaps``). The only time is that of stamps, which ascend
+(``clock``).
 """
 
 from collections import deque

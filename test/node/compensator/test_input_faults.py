@@ -229,7 +229,8 @@ def test_a_sensor_that_sent_nothing_sound_may_have_begun_anew(  # noqa: PLR0913,
     stream.set_tare(RAW, START)
     for k, at_s in enumerate(np.arange(10.0, 20.0, 0.1)):
         clock[0], stamp = float(at_s), START + k * SECOND // 10
-        reading = np.full(6, 1.0) * sent if 15.0 <= at_s < 15.0 + lasts_s else RAW + k / 1000
+        is_odd = 12.0 <= at_s < 12.0 + lasts_s or 15.0 <= at_s < 15.0 + 1.5 * lasts_s
+        reading = np.full(6, 1.0) * sent if is_odd else RAW + k / 1000
         if part.admits(reading.tolist()):
             data = serialize_message(wrench_message(stamp, 'tool0', reading))
             counts.newest, counts.wrenches = (stamp, reading.tolist(), data), counts.wrenches + 1
