@@ -384,3 +384,10 @@ class TestTare:
         assert (tared.tared, swapped.tared) == (True, False), 'an offset that nobody took'
         np.testing.assert_allclose(alone.tare, tared.tare)
         assert not free.tare.any()
+
+
+def test_doubts_of_two_thermometers_stay_apart():
+    compensator, doubts = Compensator(1), [f'thermometer {j} was silent' for j in (1, 2)]
+    for why in doubts * 2:
+        compensator.doubt_zero(why)
+    assert compensator.zero_doubts == doubts
