@@ -51,18 +51,20 @@ def test_three_forces_that_hang_at_once_are_stuck_unless_their_steps_are_coarse(
 
 
 @pytest.mark.parametrize(
-    ('whole', 'looks'), [(True, 40), (False, 40), (False, 9)], ids=['frozen', 'long', 'short']
+    ('whole', 'looks', 'share', 'soon'),
+    [(True, 40, 2, 240), (False, 40, 2, 240), (False, 9, 2, 240), (False, 9, 4, 1000)],
+    ids=['frozen', 'long', 'short', 'seldom'],
 )
-def test_pulses_of_the_same_reading_are_found_by_their_share(whole, looks):
+def test_pulses_of_the_same_reading_are_found_by_their_share(whole, looks, share, soon):
     watch, rng = SensorWatch(), np.random.default_rng(0)
     found = []
-    for _ in range(400 // looks):
-        readings = RAW + rng.normal(0, 1, (2 * looks, 6))
-        readings[looks:, slice(None) if whole else 2] = 200.0
+    for _ in range(2 * soon // (share * looks)):
+        readings = RAW + rng.normal(0, 1, (share * looks, 6))
+        readings[-looks:, slice(None) if whole else 2] = 200.0
         for reading in readings:
             look(watch, reading)
             found.append(watch.frozen if whole else watch.stuck == ('force_z',))
-    assert np.mean(found[240:]) == 1.0
+    assert np.mean(found[soon:]) == 1.0
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, LARGEST
-from wrist_ft_comp.series import FloatArray, IntArray
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
 from wrist_ft_comp.stream.drift_limits import axis_limits
 
 #: A sensor that is silent for longer, s, may have been switched off, and have another zero then.
@@ -20,6 +20,9 @@ _RUN_LOOKS = 10
 #: An axis that never repeated itself for more looks has steps that are finer than its noise, but
 #: where it was saturated.
 _FINE_LOOKS = 2
+#: An axis that shows the value before in fewer looks than this share does not come back to the
+#: last bit of its largest or least value, but where it was saturated.
+_FINE_SHARE = 0.02
 #: A look at a reading that lives takes this much of a look back: what stands still for more than
 #: a sixth of the time is found, and what lives is believed again after 25 s.
 _RECOVERY = 0.2
@@ -65,7 +68,11 @@ class SensorWatch:
         self._raw, self._least, self._most = np.full((3, len(AXES)), np.nan)
         self._same: IntArray = np.zeros(len(AXES), np.int64)
         #: Per axis: for how many looks it ever was the same, inside its range, before it changed.
-        self._longest: IntArray = self._same
+        self._longest: FloatArray = np.full(len(AXES), np.nan)
+        #: Per axis: share of its last looks inside its range that showed the value before.
+        self._repeating: FloatArray = np.ones(len(AXES))
+        #: Per axis: whether its value was its least or its largest one before, too.
+        self._returned: BoolArray = np.zeros(len(AXES), np.bool_)
         #: The readings of the last two seconds.
         self._lately: deque[FloatArray] = deque(maxlen=2 * _RUN_LOOKS)
         #: What the free sensor was to read, N and N m, when a reading rested near zero.
@@ -81,8 +88,12 @@ class SensorWatch:
         self._lately.append(self._raw)
         is_same = self._raw == before
         ended = ~is_same & (before > self._least) & (before < self._most)
-        self._longest = np.where(ended, np.maximum(self._longest, self._same), self._longest)
+        self._longest = np.where(ended, np.fmax(self._longest, self._same), self._longest)
         self._same = np.where(is_same, self._same + 1, 0)
+        returned = (self._raw == self._least) | (self._raw == self._most)
+        self._returned = np.where(is_same, self._returned, returned)
+        inside = (self._raw > self._least) & (self._raw < self._most)
+        self._repeating += np.where(inside, (is_same - self._repeating) / 100, 0.0)
         self._lively += (~is_same - self._lively) / LOOKS
         self._least = np.fmin(self._least, self._raw)
         self._most = np.fmax(self._most, self._raw)
@@ -93,7 +104,8 @@ class SensorWatch:
         others_live = ((self._lively > LIVELY_SHARE) & ~held).reshape(2, 3).any(axis=1).repeat(3)
         has_moved = self._least < self._most
         is_odd = (has_moved & (extreme | others_live | is_fine)) | (others_live & (self._raw != 0))
-        repeats = held | (is_fine & extreme & (self._same > _FINE_LOOKS))
+        returned = self._returned & (self._repeating < _FINE_SHARE)
+        repeats = held | (is_fine & extreme & (returned | (self._same > _FINE_LOOKS)))
         stuck = repeats & is_odd & ~held.all()
         change = np.where(np.append(stuck, held.all()), 1.0, -_RECOVERY)
         self._still = np.clip(self._still + change, 0.0, 2 * LOOKS)
