@@ -88,9 +88,7 @@ class DriftTopic(Part):
         numbers = {'published': str(counts.published), 'tare': tare}
         columns: dict[str, Any] = {'drift': stream.compensation.zero, 'tare': stream.tare}
         if stream.model is not None and stream.tracker.temperature_c is not None:
-            known = np.array([axis in stream.model.axes for axis in AXES])
-            deviation = stream.model.uncertainty(stream.tracker.temperature_c)
-            columns['drift_deviation'] = np.where(known, deviation, math.nan)
+            columns['drift_deviation'] = stream.model.uncertainty(stream.tracker.temperature_c)
         if (newest := counts.newest) is not None and comes:
             columns |= {'raw': newest[1], 'compensated': stream.correct(*newest[:2])}
         for name, values in columns.items():

@@ -8,6 +8,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from wrist_ft_comp.channels import AXES, SensorNames
 from wrist_ft_comp.drift.drift_model import check_fits, check_sensor, StoredModel
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
@@ -122,6 +124,14 @@ class LiveModel(Part):
             trouble = trouble or (
                 'the model compensates no axis, because nothing could be learnt; record a warm-up '
                 'and call ~/calibrate'
+            )
+        raw = () if self.counts.newest is None else np.nan_to_num(self.counts.newest[1])
+        # An axis that drifts too little for a model was calibrated, too.
+        new = [axis for axis, value in zip(AXES, raw, strict=False) if value]
+        if new := [axis for axis in new if axis not in stored.model.deviation]:
+            trouble = trouble or (
+                f'{", ".join(new)} drift as before: the recordings of the model have no such '
+                'axis; record a warm-up and call ~/calibrate'
             )
         yield Status(self.title, WARN if trouble else OK, trouble or summary(stored), numbers)
 

@@ -22,6 +22,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.node.compensator_node import CompensatorNode
@@ -308,13 +309,13 @@ def haste(monkeypatch):
 def make_model(make_model, tmp_path):
     """Write a model's file, below data/models when only a name is given; it may be without lag."""
 
-    def make(name, axes=None, **more):
+    def make(name, axes=None, calibrated=AXES, **more):
         range_c = more.setdefault('range_c', (-50.0, 150.0))
         gains = {'force_z': (2.0, 0.0, 0.0)} if axes is None else axes
         model = make_model({a: (o, s, tau or 1e-9) for a, (o, s, tau) in gains.items()}, **more)
         fits = {
-            axis: AxisFit(axis_model, 'by hand', (), 1.0, 0.1, 0.1, (1.0,))
-            for axis, axis_model in model.axes.items()
+            axis: AxisFit(model.axes.get(axis), 'by hand', (), 1.0, 0.1, 0.1, (1.0,))
+            for axis in calibrated
         }
         ranges = np.tile(range_c, (model.thermometers, 1))
         path = tmp_path / 'data/models' / name

@@ -144,6 +144,17 @@ def test_a_model_that_compensates_no_axis_is_a_warning(rig, make_model):
         assert node.diagnosis(name, words).level == WARN
 
 
+def test_axes_that_no_recording_had_are_named_where_the_sensor_has_them(rig, make_model):
+    node = rig(model=make_model('m.yaml', calibrated=('force_y', 'force_z')))
+    node.warm_up(30.0)
+    node.ask_output(START + 3 * SECOND, [1.0, 2.0, 3.0, 0.0, 0.0, np.nan])
+    status = node.diagnosis('model', 'the recordings of the model have no such axis')
+    assert (status.level, status.message.split(' drift as before')[0]) == (WARN, 'force_x')
+    output = node.diagnosis('output').values
+    assert 'force_y_drift_deviation' in output
+    assert 'force_x_drift_deviation' not in output
+
+
 @pytest.mark.parametrize('stamped', [True, False])
 def test_a_thermometer_on_another_clock_than_the_wrench_is_named(rig, monkeypatch, stamped):
     """What has no stamp is of the time of its arrival."""
