@@ -248,6 +248,19 @@ class TestTare:
         compensator.set_tare(LOAD, (late_s + 10) * SECOND)
         assert compensator.zero_doubts == []
 
+    @pytest.mark.parametrize(('tared_s', 'off_n'), [(3, 24.0), (9, 0.0)])
+    def test_a_tare_by_first_readings_that_were_wrong_is_doubted(self, make_model, tared_s, off_n):
+        model = make_model({'force_z': (0.4, 0.0, 30.0)})
+        compensator = Compensator(1, StreamSettings(max_drift_rate_n_s=10.0), model)
+        for second in range(60):
+            celsius = 85.0 if second < 4 else 25.0
+            compensator.add_temperature(0, second * SECOND, celsius, (0, LOAD.tolist()))
+            if second == tared_s:
+                compensator.set_tare(LOAD, second * SECOND)
+        off = np.abs(compensator.correct(60 * SECOND, LOAD.tolist())).max()
+        assert off == pytest.approx(off_n, abs=1e-6)
+        assert ['read 85.0 °C' in why for why in compensator.zero_doubts] == [True] * (off_n > 0)
+
     def test_a_tare_while_the_drift_moves_at_its_limit_ends_that(self, make_model):
         model = make_model({'force_z': (0.4, 0.0, 30.0)})
         compensator = Compensator(1, StreamSettings(max_drift_rate_n_s=0.05), model)

@@ -11,7 +11,14 @@ from typing import Any, cast
 from geometry_msgs.msg import WrenchStamped
 from std_srvs.srv import SetBool
 
-from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, LARGEST, REFERENCE_CHANNELS, SensorNames
+from wrist_ft_comp.channels import (
+    AXES,
+    FORCE_CHANNELS,
+    LARGEST,
+    REFERENCE_CHANNELS,
+    SensorNames,
+    temperature_channel,
+)
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
 from wrist_ft_comp.ros.hub import Part, Vector
@@ -108,6 +115,7 @@ class Recorder(Part):
             sources = {'raw wrenches': AXES, 'specific force': FORCE_CHANNELS}
             if recording.lacked[REFERENCE_CHANNELS[0]] < recording.rows:
                 sources['wrench_reference'] = REFERENCE_CHANNELS
+            sources |= self._unheard(recording)
             for source, channels in sources.items():
                 lacking_s = self.period_s * min(recording.lacking[name] for name in channels)
                 if lacking_s >= LACKING_S:
@@ -117,6 +125,15 @@ class Recorder(Part):
                         'clock; mend that, then record again'
                     )
         return ''
+
+    def _unheard(self, recording: OwnRecording) -> dict[str, tuple[str]]:
+        """Name the thermometers that are in no row, with their channels; some report seldom."""
+        channels = map(temperature_channel, range(self._compensator.thermometers))
+        return {
+            f'thermometer {j}': (channel,)
+            for j, channel in enumerate(channels, start=1)
+            if recording.lacked[channel] == recording.rows
+        }
 
     def begin_recording(self, writer: Any, pause_s: float = math.inf) -> OwnRecording:
         """Feed a new recording until ``finish``; where the disk refuses, after a pause again."""
@@ -201,6 +218,8 @@ class Recorder(Part):
                 f'{lost} of {rows} cells hold no wrench, and nothing is learnt from them: less '
                 f'than one came in {self.period_s:g} s of its stamps'
             )
+        elif never := self._unheard(recording):
+            lacks = f'{", ".join(never)} reported in no cell of these stamps'
         said = f'recorded {rows} thermal cells ({rows * self.period_s:.0f} s) into {self.path}'
         return warned(said, lacks)
 

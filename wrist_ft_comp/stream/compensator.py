@@ -134,7 +134,14 @@ class Compensator:
             last = self.thermometers - 1
             raise SettingsError(f'Thermometers are counted from 0 to {last}; got {thermometer}.')
         had_drift, uncertainty = self.compensating, self.tracker.uncertainty
+        spikes = self.tracker.spikes[thermometer]
+        wrong_starts = spikes.wrong_starts
         cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
+        if self.tared and spikes.wrong_starts > wrong_starts:
+            self.doubt_zero(
+                f'the tare was taken while thermometer {thermometer + 1} read '
+                f'{spikes.strange_c:.1f} °C, which was wrong; call ~/tare'
+            )
         if not cells or not self.compensating:
             return cells
         # How far a start, or a gap, was off is known a minute later.

@@ -84,6 +84,19 @@ def test_the_answer_says_what_a_recording_lacks(rig, wrenches, temperatures, wor
     assert ('warning: ' in answer.message) == bool(words), answer.message
 
 
+def test_a_thermometer_of_another_clock_is_missing_in_the_recording(rig):
+    node = rig(thermometers=2)
+    start_recording(node)
+    for second in range(100):
+        node.put(START + second * SECOND, [1.0] * 6)
+        for j, late_s in enumerate((0, 1200)):
+            node.node.inputs.take(j, START + (second - late_s) * SECOND, 25.0)
+    found = node.diagnosis('calibration')
+    assert (found.level, 'without thermometer 2' in found.message) == (b'\1', True), found.message
+    answer = node.call('record', False)
+    assert 'warning: thermometer 2 reported in no cell' in answer.message
+
+
 def test_starting_twice_and_ending_twice_are_refused(rig):
     node = rig()
     node.refusal('calibrate')
