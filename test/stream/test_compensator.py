@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.drift.drift_model import Drift
+from wrist_ft_comp.drift.drift_model import Drift, run_from_rest
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.recordings.sample_checks import grid_samples
@@ -297,6 +297,26 @@ class TestTare:
                 assert any(said) == (second == 300)
         compensator.set_tare(LOAD, 600 * SECOND)
         assert 'before the next temperatures' in compensator.zero_doubts[-1], 'for a restart, too'
+
+    @pytest.mark.parametrize(
+        ('every_s', 'silent_s', 'off_n'), [(1, 0, 0.03), (1, 20, 0.24), (30, 0, 0.36)]
+    )
+    def test_a_tare_between_reports_that_moved_the_drift_is_doubted(
+        self, make_model, every_s, silent_s, off_n
+    ):
+        """The sensor warms by 1.8 K a minute for five minutes, and is tared in the middle."""
+        model = make_model({'force_z': (0.4, 0.0, 10.0)})
+        compensator = Compensator(1, model=replace(model, deviation={'force_z': 0.03}))
+        kelvin = 0.03 * np.clip(np.arange(1500) - 300, 0, 300)
+        zero = run_from_rest(model, 20.0 + kelvin[:, np.newaxis])[1].zero
+        for second, raw in enumerate((LOAD + zero).tolist()):
+            if second % every_s == 0 and not 450 - silent_s <= second < 460:
+                compensator.add_temperature(0, second * SECOND, 20.0 + kelvin[second])
+            if second == 450:
+                compensator.set_tare(np.array(raw), second * SECOND)
+        assert abs(compensator.correct(1500 * SECOND, raw)[2]) == pytest.approx(off_n, abs=0.05)
+        said = ['by the first temperature after' in why for why in compensator.zero_doubts]
+        assert said == [True] * (off_n > 0.1)
 
     def test_a_model_of_longer_cells_goes_on_from_the_history(self, make_model):
         fine, coarse = (make_model({'force_z': (0.4, 0.0, 900.0)}, period_s=s) for s in (1, 10))

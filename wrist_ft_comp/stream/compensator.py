@@ -86,7 +86,8 @@ class Compensator:
         self._ramp_ns, self._end_ns = period_ns, 0
         #: How far the last report of each thermometer moved the drift, N and N m, (6,).
         self.moves: dict[int, FloatArray] = {}
-        #: When the last tare was taken, ns.
+        #: Up to when each thermometer is in the drift, ns, and when the last tare was taken.
+        self._reported_ns: dict[int, float] = {}
         self._tared_ns: float = -math.inf
         #: When a tare was taken before the drift begins: it takes up the drift then, so that the
         #: output stays. None where none waits, -inf before a restart; inf where there is no tare,
@@ -164,9 +165,13 @@ class Compensator:
         # The ramp lasts a cell, or until a thermometer that reports seldom does so again.
         grid = self.tracker.grid
         spacings_ns = [grid.spacing(j) * grid.period_ns for j in range(self.thermometers)]
+        moved = np.abs(target.zero - self._begun.zero)
         for j, spacing_ns in enumerate(spacings_ns):
             if any(cell.measured[j] for cell in cells):
-                self.moves[j] = np.abs(target.zero - self._begun.zero)
+                self.moves[j] = moved
+                if self._tared_ns > self._reported_ns.get(j, math.inf):
+                    self._said += drift_warnings.moved_doubts(self.tracker, moved)
+                self._reported_ns[j] = self.tracker.end_ns
                 if spacing_ns > grid.period_ns:
                     self._end_ns = stamp_ns + spacing_ns
         self._ramp_ns = max(grid.period_ns, min(self._end_ns - stamp_ns, max(spacings_ns)))
