@@ -196,7 +196,7 @@ def test_after_a_night_without_samples_the_evening_has_no_effect(write_model, tm
 
 @pytest.mark.parametrize('back', [30, 10_000])
 def test_a_clock_set_back_has_the_same_effect_with_and_without_a_restart(hasty, tmp_path, back):
-    """A file cannot hold it: stamps that do not increase are dropped."""
+    """As of a bag in a loop. A file cannot hold it: stamps that do not increase are dropped."""
     killed, lived = (Life(load_model(hasty).model, tmp_path) for _ in range(2))
     evening = [(20_000 + cell, [20.0 + cell / 10, 30.0]) for cell in range(100)]
     morning = [(20_100 - back + cell, [35.0, 31.0]) for cell in range(30)]
@@ -208,4 +208,4 @@ def test_a_clock_set_back_has_the_same_effect_with_and_without_a_restart(hasty, 
         life.feed(morning)
     assert killed.drift == pytest.approx(lived.drift, abs=1e-9)
     assert len(lived.drift) > 20
-    assert lived.compensator.tracker.forgot == (back > 60)
+    assert lived.compensator.tracker.forgot

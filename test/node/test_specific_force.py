@@ -6,11 +6,14 @@ import sys
 from moments import START
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.specific_force import SpecificForceInput
+from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.stream.compensator import Compensator
 
 NO_TURN = [0.0, 0.0, 0.0, 1.0]
@@ -142,3 +145,16 @@ def test_what_is_wrong_with_an_imu_is_said(start):
     part.on_imu(b'nonsense')
     assert part.doubt() == '1 messages of the IMU could not be read, or hold no numbers'
     assert part.doubt() == ''
+
+
+@pytest.mark.usefixtures('without_tf2')
+@pytest.mark.parametrize('frames', [('imu', 'imu'), ('imu', 'base')])
+def test_two_imus_by_turns_are_said(start, frames):
+    part, _ = start('imu')
+    for frame in frames:
+        message = Imu()
+        message.header.frame_id = frame
+        part.on_imu(serialize_message(message))
+    said = list(part.value_doubts(ForceFrame()))
+    mixed = ['specific force of base and imu come by turns, and are mixed']
+    assert said == mixed[frames[0] == frames[1] :]

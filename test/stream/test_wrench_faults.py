@@ -52,8 +52,14 @@ def test_three_forces_that_hang_at_once_are_stuck_unless_their_steps_are_coarse(
 
 @pytest.mark.parametrize(
     ('whole', 'looks', 'share', 'soon'),
-    [(True, 40, 2, 240), (False, 40, 2, 240), (False, 9, 2, 240), (False, 9, 4, 1000)],
-    ids=['frozen', 'long', 'short', 'seldom'],
+    [
+        (True, 40, 2, 240),
+        (True, 20, 3, 240),
+        (False, 40, 2, 240),
+        (False, 9, 2, 240),
+        (False, 9, 4, 1000),
+    ],
+    ids=['frozen', 'held', 'long', 'short', 'seldom'],
 )
 def test_pulses_of_the_same_reading_are_found_by_their_share(whole, looks, share, soon):
     watch, rng = SensorWatch(), np.random.default_rng(0)

@@ -31,6 +31,24 @@ _SWITCHED_ON_S = 600.0
 _THERE_N = 0.5
 
 
+class RecentFrames:
+    """The frame_ids of a topic's newest messages: two sensors may come by turns."""
+
+    def __init__(self, doubles: int) -> None:
+        self._doubles, self.names = doubles, deque[str](maxlen=40)
+
+    def look(self, *messages: bytes) -> None:
+        """Look at messages; empty ones are none."""
+        for data in filter(None, messages):
+            self.names.append(locate(data, self._doubles).frame_id(data))
+
+    @property
+    def mixed(self) -> str:
+        """Say which come by turns; empty where one does."""
+        names = sorted(name or 'no frame' for name in set(self.names))
+        return f'{" and ".join(names)} come by turns, and are mixed' if names[1:] else ''
+
+
 @dataclass
 class Counts:
     """What has come of raw wrenches since the start, in numbers, and the newest one."""
@@ -91,7 +109,7 @@ class WrenchInput(Part):
         #: When a wrench was sound last, s, and whether zeros, or no numbers, came since.
         self._sound_s, self._unsound = 0.0, False
         #: The first frame_id, and those of the last two seconds.
-        self._frame, self._frames = '', deque[str](maxlen=40)
+        self._frame, self._frames = '', RecentFrames(WRENCH_DOUBLES)
         #: Standard deviation of the model, N and N m, (6,), NaN where there is none.
         self._deviation: FloatArray = np.full(len(AXES), np.nan)
         self._growth = Growth()
@@ -146,9 +164,9 @@ class WrenchInput(Part):
         self._heard_s = self._quiet_s = now_s
         self._looked_at, self._stamp_ns = number, stamp_ns
         layout = locate(data, WRENCH_DOUBLES)
-        for message in filter(None, (self._counts.before, newest)):
-            self._frames.append(locate(message[2], WRENCH_DOUBLES).frame_id(message[2]))
-        self._frame = self._frame or self._frames[-1]
+        before = self._counts.before
+        self._frames.look(b'' if before is None else before[2], data)
+        self._frame = self._frame or self._frames.names[-1]
         self.stamps.look(stamp_ns if layout.decode(data)[0] != 0 else 0)
         self.sensor.look(np.nan_to_num(raw).tolist())
         # The tare of an axis that was not there is 0.
@@ -215,9 +233,8 @@ class WrenchInput(Part):
         """Say that readings are mixed, or frozen, or an axis stuck; empty where a sensor lives."""
         if (count := self.hub.count_publishers(self.hub.resolve_topic_name('wrench_raw'))) > 1:
             return f'{count} publishers share the topic; their readings are mixed'
-        if len(frames := set(self._frames)) > 1:
-            named = ' and '.join(sorted(frame or 'no frame' for frame in frames))
-            return f'wrenches of {named} come by turns, and are mixed'
+        if mixed := self._frames.mixed:
+            return f'wrenches of {mixed}'
         if self.sensor.frozen:
             return 'the reading has not changed by a bit for seconds; is the sensor frozen?'
         if axes := ', '.join(self.sensor.stuck):
@@ -234,7 +251,7 @@ class WrenchInput(Part):
                     f'{topic} comes from another compensator, {name}: drift is taken off twice; '
                     "remap wrench_raw to the driver's topic"
                 )
-        if self._frame and (others := [one for one in self._frames if one != self._frame]):
+        if self._frame and (others := [one for one in self._frames.names if one != self._frame]):
             yield (
                 f'frame_id was {self._frame} and is {others[-1] or "empty"} now; is it another '
                 f'sensor, or turned? Drift, payload and tare are those of {self._frame}'

@@ -11,6 +11,7 @@ from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.node.raw_wrench import RecentFrames
 from wrist_ft_comp.payload.live_weight import Force, RecentForces
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds
 from wrist_ft_comp.ros.hub import Part, Vector
@@ -83,8 +84,9 @@ class SpecificForceInput(Part):
         self._handed_out_ns: int | None = None
         self._tf_messages = 0
         self._imu: Any = None
-        #: The newest message of the IMU; empty before the first.
-        self._newest = b''
+        #: The newest message of the IMU, and the one before it; empty before the first.
+        self._newest = self._before = b''
+        self._recent = RecentFrames(IMU_DOUBLES)
         #: The specific forces of the last reports, while new ones come.
         self._felt = deque[Force](maxlen=_REPORTS)
 
@@ -133,7 +135,7 @@ class SpecificForceInput(Part):
         except RecordingError:
             self.unreadable += 1
             return
-        self._newest = data
+        self._before, self._newest = self._newest, data
         x, y, z = numbers[ACCELERATION]
         speed = math.hypot(*numbers[ROTATION])
         if math.isfinite(x + y + z):
@@ -243,7 +245,10 @@ class SpecificForceInput(Part):
             )
 
     def value_doubts(self, frame: ForceFrame) -> Iterator[str]:
-        """Say that it is frozen, or is not as large as gravity in the frame of a payload."""
+        """Say that it is mixed or frozen, or not as large as gravity in the frame of a payload."""
+        self._recent.look(self._before, self._newest)
+        if mixed := self._recent.mixed:
+            yield f'specific force of {mixed}'
         if len(self._felt) < _REPORTS:
             return
         if len(set(self._felt)) == 1 and self.source == 'imu':

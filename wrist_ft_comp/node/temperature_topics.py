@@ -10,7 +10,7 @@ from typing import Any
 from wrist_ft_comp.channels import is_plausible, temperature_channel, why_unusable
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.raw_wrench import age, Counts
+from wrist_ft_comp.node.raw_wrench import age, Counts, RecentFrames
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.warm_restart import StateKeeper
 from wrist_ft_comp.ros import topics as ros_topics
@@ -23,7 +23,7 @@ from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.drift_warnings import frozen_doubts, gap_doubts, seldom_doubts
 from wrist_ft_comp.units import other_unit, UNIT_REMEDY
 from wrist_ft_comp.wire import numbers_in_messages as in_messages
-from wrist_ft_comp.wire.cdr import TEMPERATURE
+from wrist_ft_comp.wire.cdr import TEMPERATURE, TEMPERATURE_DOUBLES
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 
 
@@ -38,6 +38,9 @@ class TemperatureTopic:
 
     def __init__(self, part: Any, topic: str, sources: dict[int, TemperatureSource]) -> None:
         self.sources = sources
+        #: The newest message, and the one before it.
+        self._newest = self._before = b''
+        self.frames = RecentFrames(TEMPERATURE_DOUBLES)
         #: Messages of which some temperature could not be read.
         self.unreadable = 0
         #: Why none can be read, and why the number of a thermometer cannot.
@@ -62,6 +65,8 @@ class TemperatureTopic:
     def look(self) -> None:
         """Ask which type the topic has, and subscribe when that is new; once a second."""
         hub, topic, self.trouble = self._hub, self._topic, ''
+        if self._type == TEMPERATURE:
+            self.frames.look(self._before, self._newest)
         types = ros_topics.types_on(hub, topic)
         try:
             if types and not self._type:
@@ -103,6 +108,7 @@ class TemperatureTopic:
             )
             self.problems = dict.fromkeys(self.sources, sentence)
             return
+        self._before, self._newest = self._newest, data
         stamped = stamp_ns if self._reader.has_header else None
         for (thermometer, source), number in zip(self.sources.items(), numbers, strict=True):
             if math.isnan(number):
@@ -280,6 +286,8 @@ class TemperatureInput(Part):
         for j, thermometer in enumerate(self.thermometers, start=1):
             if (publishers := self.hub.count_publishers(thermometer.topic)) > 1:
                 yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
+        for mixed in filter(None, (topic.frames.mixed for topic in self.by_topic)):
+            yield f'temperatures of {mixed}; let the driver publish each on a topic of its own'
         if unstamped := [j for j, t in enumerate(self.thermometers) if t.stamped is False]:
             yield (
                 f'thermometer {_numbers(unstamped)} does not stamp its readings; the time of '

@@ -95,9 +95,10 @@ def why_forgotten(gap_s: float, longest_s: float, by_clock_s: float = 0.0) -> st
     Say why a thermal state cannot be used after a gap, in half a sentence; empty where it can.
 
     The gap is ``gap_s`` long by the stamps, negative where they ran back, and ``by_clock_s`` by
-    the system's clock, 0 without one. The state can be used for ``longest_s``.
+    the system's clock, 0 without one, as of a bag in a loop. The state can be used for
+    ``longest_s``.
     """
-    if gap_s < -LEAP_S:
+    if gap_s < -(LEAP_S if by_clock_s else OUTAGE_S):
         return (
             f'the thermal state is {-gap_s:.0f} s ahead of the temperatures: their stamps are of '
             'another clock, or time ran back'

@@ -108,6 +108,9 @@ class SensorWatch:
         repeats = held | (is_fine & extreme & (returned | (self._same > _FINE_LOOKS)))
         stuck = repeats & is_odd & ~held.all()
         change = np.where(np.append(stuck, held.all()), 1.0, -_RECOVERY)
+        # The looks before a run was long enough belong to it.
+        if self._same.min() == _RUN_LOOKS + 1:
+            change[-1] += _RUN_LOOKS * (1.0 + _RECOVERY)
         self._still = np.clip(self._still + change, 0.0, 2 * LOOKS)
 
     def zeroed(self, free: FloatArray, deviation: FloatArray) -> bool:

@@ -406,6 +406,14 @@ class TestTemperature:
         node.node.count_publishers = lambda _: 2
         warns(node, 'temperature', 'thermometer 1 has 2 publishers; their readings are mixed')
 
+    def test_two_thermometers_by_turns_on_one_topic_are_a_warning(self, warm, warns):
+        node = warm()
+        for second, frame in enumerate(('tool0', 'motor'), start=START // SECOND + 20):
+            message = Temperature(temperature=30.0)
+            message.header.frame_id, message.header.stamp.sec = frame, second
+            node.put_temperature_bytes(0, serialize_message(message))
+        warns(node, 'temperature', 'temperatures of motor and tool0 come by turns, and are mixed')
+
 
 class TestQualityOfService:
     @executors
