@@ -24,7 +24,7 @@ _FINE_LOOKS = 2
 #: last bit of its largest or least value, but where it was saturated.
 _FINE_SHARE = 0.02
 #: A look at a reading that lives takes this much of a look back: what stands still for more than
-#: a sixth of the time is found, and what lives is believed again after 25 s.
+#: a fifth of the time is found, and what lives is believed again after 25 s.
 _RECOVERY = 0.2
 #: An axis lives where at least this share of its looks in the last 5 s showed a new value. Of a
 #: sensor whose steps are as coarse as its noise, half do.
@@ -110,7 +110,7 @@ class SensorWatch:
         change = np.where(np.append(stuck, held.all()), 1.0, -_RECOVERY)
         # The looks before a run was long enough belong to it.
         if self._same.min() == _RUN_LOOKS + 1:
-            change[-1] += _RUN_LOOKS * (1.0 + _RECOVERY)
+            change[-1] += _RUN_LOOKS
         self._still = np.clip(self._still + change, 0.0, 2 * LOOKS)
 
     def zeroed(self, free: FloatArray, deviation: FloatArray) -> bool:
@@ -139,7 +139,7 @@ class SensorWatch:
     @property
     def frozen(self) -> bool:
         """Whether the reading stands still, to the last bit, on all axes, again and again."""
-        return bool(self._still[-1] >= LOOKS - _RUN_LOOKS)
+        return bool(self._still[-1] >= LOOKS)
 
     @property
     def stuck(self) -> tuple[str, ...]:
