@@ -54,7 +54,7 @@ def test_three_forces_that_hang_at_once_are_stuck_unless_their_steps_are_coarse(
     ('whole', 'looks', 'share', 'soon'),
     [
         (True, 40, 2, 240),
-        (True, 20, 3, 320),
+        (True, 15, 2, 240),
         (False, 40, 2, 240),
         (False, 9, 2, 240),
         (False, 9, 4, 1000),
