@@ -125,13 +125,11 @@ def advise(case: Case) -> tuple[str, ...]:
     poor = [axis for axis, level in case.levels.items() if level in {'weak', 'harmful'}]
     unexplained = [axis for axis in poor if axis not in case.beyond]
     # Thermometers that left the temperatures which the model was learnt at.
+    ranges_c = zip(case.coverage.range_c, case.learnt_c, strict=False)
     outside = [
-        f'thermometer {number}'
-        for number, (seen, learnt) in enumerate(
-            zip(case.coverage.range_c, case.learnt_c, strict=False), start=1
-        )
+        f'thermometer {number}' for number, (seen, learnt) in enumerate(ranges_c, start=1)
         if seen[0] < learnt[0] - SAME_K or seen[1] > learnt[1] + SAME_K
-    ]
+    ]  # fmt: skip
     if case.learnt_c:
         none_is_good = poor and {*case.levels.values()} <= {'weak', 'harmful', 'uncalibrated'}
         doubted = any(_EXCHANGED in warning for warning in case.warnings)
@@ -145,10 +143,8 @@ def advise(case: Case) -> tuple[str, ...]:
     if unexplained and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
         steps.append(_missing_thermometer(case, unexplained, is_searched=not some_are_good))
     if case.learnt_c and poor and not steps:
-        steps.append(
-            f'Much of the drift of {_enumerate(poor)} is left; a report says why. '
-            f'{_CALIBRATE_AGAIN}'
-        )
+        left = f'Much of the drift of {_enumerate(poor)} is left; a report says why.'
+        steps.append(f'{left} {_CALIBRATE_AGAIN}')
     if harmful := [axis for axis, level in case.levels.items() if level == 'harmful']:
         steps.insert(0, f'Do not run this model: it makes {_enumerate(harmful)} worse.')
     return (*steps, *(() if case.learnt_c else _recorded(case)))
@@ -183,6 +179,7 @@ def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) 
 def _recorded(case: Case) -> Iterator[str]:
     """Say what another recording should hold, for a better model."""
     coverage, durations_s = case.coverage, [r.duration_s for r in case.recordings]
+    leading = f'thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
     longest_s, wanted_s = max(durations_s), max(_TIME_CONSTANTS * case.slowest_s, _SHORTEST_S)
     if longest_s < wanted_s:
         why = f', as the slowest lag is {case.slowest_s / 60:.0f} min' if case.slowest_s else ''
@@ -195,16 +192,15 @@ def _recorded(case: Case) -> Iterator[str]:
         ended, other, ways = 'hot', 'cool down', 'cools down'
         if up < down:
             ended, other, ways = 'cold', 'warm up', 'warms up'
-        several = len(coverage.range_c) > 1
-        who = f'thermometer {coverage.leading + 1}' if several else 'the sensor'
         yield (
-            f'The recording ended {ended}: {who} warmed by {up:.1f} K and cooled by {down:.1f} K. '
-            f'Let it {other} while recording. A lag can only be measured if it also {ways}.'
+            f'The recording ended {ended}: {leading or "the sensor"} warmed by {up:.1f} K and '
+            f'cooled by {down:.1f} K. Let it {other} while recording. A lag can only be measured '
+            f'if it also {ways}.'
         )
     if len(durations_s) == 1:
         yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
     low_c, high_c = coverage.range_c[coverage.leading]
-    where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
+    where = f' at {leading}' if leading else ''
     yield (
         f'The recordings go from {low_c:.0f} to {high_c:.0f} °C{where}. If the robot gets colder '
         'or hotter, record that, too: outside of this range the correction is a guess.'
@@ -227,14 +223,13 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
     elif outside:
         yield f'{left} from. {_CALIBRATE_AGAIN}'
     elif case.run and {'good'} <= {*case.levels.values()} <= {'good', 'uncalibrated'}:
+        holds = 'The model holds on these recordings. Run it:'
         if case.loose:
-            yield (
+            holds = (
                 f'The limit of {_enumerate(case.loose)} is unknown or as large as the drift: how '
                 f'good the model is on other days is not sure yet. {_CALIBRATE_AGAIN} Until then:'
-                f'\n{case.run}'
             )
-        else:
-            yield f'The model holds on these recordings. Run it:\n{case.run}'
+        yield f'{holds}\n{case.run}'
 
 
 def _enumerate(words: Sequence[str]) -> str:

@@ -1,6 +1,7 @@
 """What a diary says of its days: in one sentence, what happened and when, and temperatures."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import datetime, timezone
 from typing import NamedTuple
 
@@ -13,8 +14,8 @@ from wrist_ft_comp.stored.safe_file import Output
 #: What the picture of days names as its software, by which it is known again.
 PAINTER = 'wrist_ft_comp picture'
 PICTURE = Output(
-    # Header, image header, and the text, before or after the chunk that holds the resolution;
-    # bytes that are no text count as one letter, alone or together.
+    # Header, image header, and the text, before or after the chunk that holds the resolution.
+    # Bytes that are no text count as one letter, alone or together.
     name='picture', endings='.png',
     begins=rf'.PNG\r\n\x1a\n.{{20,80}}tEXtSoftware\x00{PAINTER}')  # fmt: skip
 
@@ -44,11 +45,6 @@ class DriftLeft(NamedTuple):
 
     without: float
     left: float
-
-    @property
-    def share(self) -> float:
-        """Share of the drift that the live model left."""
-        return self.left / self.without if self.without > _LEAST_DRIFT else np.nan
 
 
 class Event(NamedTuple):
@@ -85,8 +81,10 @@ def summary(diary: Diary) -> str:
     sentence = f'{head}: on a usual day a force drifted by {rounded(usual.without, 2)} N (RMS)'
     if np.isnan(usual.left):
         return f'{sentence}; no model was live.'
-    share = f' ({rounded(100 * usual.share, 2)} %)' if np.isfinite(usual.share) else ''
-    return f'{sentence}; the model left {rounded(usual.left, 2)} N{share}.'
+    sentence += f'; the model left {rounded(usual.left, 2)} N'
+    if usual.without > _LEAST_DRIFT:
+        sentence += f' ({rounded(100 * usual.left / usual.without, 2)} %)'
+    return f'{sentence}.'
 
 
 def figures(diary: Diary) -> dict[str, object]:
@@ -127,21 +125,14 @@ def events(diary: Diary) -> list[Event]:
 
 
 def when(entry: DayEntry) -> str:
-    """Write a day's date, or its name where it has none."""
-    return entry.name.removesuffix('.csv') if date_of(entry) == '-' else date_of(entry)
+    """Write the date that a day began on by its stamps, UTC, or its name where it has none."""
+    with suppress(OverflowError, ValueError):  # no calendar has every stamp
+        if entry.first_ns:  # its recording could be read
+            return str(datetime.fromtimestamp(entry.first_ns // NANOSECONDS, timezone.utc).date())
+    return entry.name.removesuffix('.csv')
 
 
 def event_line(event: Event, days: Sequence[DayEntry]) -> str:
     """Write the date of an event, or the first and the last one, its name, and details."""
     dates = ' to '.join(dict.fromkeys(when(days[n]) for n in (event.first, event.last)))
     return f'{dates}  {event.name}' + (f': {event.sentence}' if event.sentence else '')
-
-
-def date_of(entry: DayEntry) -> str:
-    """Write the date that a day began on by its stamps, UTC; '-' where no calendar has it."""
-    if not entry.first_ns:
-        return '-'  # its recording could not be read
-    try:
-        return str(datetime.fromtimestamp(entry.first_ns // NANOSECONDS, timezone.utc).date())
-    except (OverflowError, ValueError):
-        return '-'

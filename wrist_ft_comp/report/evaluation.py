@@ -19,11 +19,7 @@ from wrist_ft_comp.fit.segments import segment
 from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording, Reference
 from wrist_ft_comp.series import FloatArray, rounded
-from wrist_ft_comp.stream.drift_of_recordings import (
-    exchange_doubts,
-    streamed_drift,
-    thermometer_doubts,
-)
+from wrist_ft_comp.stream import drift_of_recordings as replayed
 from wrist_ft_comp.stream.tare import tare_at_start
 
 #: Temperatures that leave a range by less than this do not leave it, K.
@@ -60,9 +56,7 @@ def evaluate(
     Errors are means over 10 s, or over a thermal cell where that is longer: the same that a
     calibration states its figures of.
     """
-    return judge_errors(
-        [tared_errors(model, recording, reference, tare_s) for recording in recordings]
-    )
+    return judge_errors([tared_errors(model, one, reference, tare_s) for one in recordings])
 
 
 def reference_of(recording: Recording, learnt_with: str) -> Reference:
@@ -90,11 +84,10 @@ def tared_errors(
     if reference == 'payload':
         recording, reference = learn_at_work([recording]).drift[0], 'recorded'
     recording, _ = without_steps(recording, reference)
-    streamed = streamed_drift(model, recording)
     true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
     before, after = (
         correct(recording.wrench, drift, tare_at_start(recording, true, drift, tare_s)) - true
-        for drift in (no_drift(len(recording)), streamed)
+        for drift in (no_drift(len(recording)), replayed.streamed_drift(model, recording))
     )
     if not (np.isfinite(before) & np.isfinite(after)).any():
         raise refusals.RecordingError(
@@ -118,10 +111,9 @@ def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]
     """Put errors into figures by axis, those that any recording has: all errors alike."""
     before, after = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
     judged = {}
-    for column, axis in enumerate(AXES):
-        both = np.stack((before[:, column], after[:, column]))
-        both = both[:, np.isfinite(both).all(axis=0)]
-        if both.shape[1]:
+    for axis, *errors in zip(AXES, before.T, after.T, strict=True):
+        both = np.stack(errors)[:, np.isfinite(errors).all(axis=0)]
+        if both.size:
             rms = np.sqrt(np.mean(both**2, axis=1))
             peak = np.max(np.abs(both), axis=1)
             judged[axis] = AxisEvaluation(*rms.tolist(), *peak.tolist())
@@ -171,12 +163,12 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
     """Say where thermometers leave the range of a model, are silent for long, or are doubted."""
     sentences = []
     pairs = zip(recording.temperature_c.T, stored.document['thermometers'], strict=False)
-    for number, (column, thermometer) in enumerate(pairs):
+    for number, (column, thermometer) in enumerate(pairs, start=1):
         low, high = thermometer['range_c']
         share = float(np.mean((column < low - SAME_K) | (column > high + SAME_K)))
         if share > 0:
             sentences.append(
-                f'Thermometer {number + 1} of {recording.name} goes from {column.min():.1f} to '
+                f'Thermometer {number} of {recording.name} goes from {column.min():.1f} to '
                 f'{column.max():.1f} °C; the model was learnt from {low:.1f} to {high:.1f} °C. '
                 f'For {rounded(100 * share, 2)} % of the time the correction is a guess.'
             )
@@ -184,9 +176,9 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
     if stored.model.prediction is not None:  # one that is silent is predicted by the others
         heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
     sentences += silent_stretches([replace(recording, measured=heard)])
-    doubts = thermometer_doubts(stored.model, recording) | exchange_doubts(stored.model, recording)
-    sentences += [
-        f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
-        for doubt, share in doubts.items()
-    ]
+    for find in (replayed.thermometer_doubts, replayed.exchange_doubts):
+        sentences += [
+            f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
+            for doubt, share in find(stored.model, recording).items()
+        ]
     return tuple(sentences)

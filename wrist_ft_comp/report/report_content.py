@@ -160,13 +160,12 @@ def calibration_content(
         series = _series(recordings, held_out)
         before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
         errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, widening * after)
-        evidence = verdicts.Evidence(
+        verdict = verdicts.judge(verdicts.Evidence(
             fit.unit, errors, series.noise, compensated=fit.model is not None, widening=widening,
             parts=rms_by_fold(held_out), slowest_s=_slowest_s(fit), longest_s=longest_s,
             refusal=fit.refusal,
-            promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
-        entry = stored.document['axes'].get(axis, _NO_ENTRY)
-        verdict = verdicts.judge(evidence)
+            promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift)))  # fmt: skip
+        entry = stored.document['axes'][axis]
         axes.append(AxisView(axis, fit.unit, verdict, errors, series, entry, fit.day_limit))
         # An axis that drifts and was not learnt is explained no better than a weak one.
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
@@ -221,22 +220,21 @@ def evaluation_content(
     beyond: dict[str, str] = {}
     loose: list[str] = []
     for axis, errors in judge_errors([judged.errors for judged in evaluated]).items():
-        both = np.stack((before[:, AXES.index(axis)], after[:, AXES.index(axis)]), axis=1)
+        unit, column = axis_unit(axis), AXES.index(axis)
+        both = np.stack((before[:, column], after[:, column]), axis=1)
         rows, limit = np.isfinite(both).all(axis=1), stored.model.day_limits.get(axis, np.nan)
         # Recordings that the model has not seen are folds that were held out.
         held_out = HeldOut(number[rows], number[rows], cell[rows], both[rows], period_s, True)
         series, by_fold = _series(recordings, held_out), rms_by_fold(held_out)
         names = [recordings[n].name for n in np.unique(held_out.fold)]
         parts = list(zip(names, *by_fold, strict=True))
-        evidence = verdicts.Evidence(
-            axis_unit(axis), errors, series.noise, compensated=axis in stored.model.axes,
-            moved_k=moved_k, parts=by_fold, limit=limit)  # fmt: skip
+        verdict = verdicts.judge(verdicts.Evidence(
+            unit, errors, series.noise, compensated=axis in stored.model.axes,
+            moved_k=moved_k, parts=by_fold, limit=limit))  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
-        verdict = verdicts.judge(evidence)
-        axes.append(AxisView(axis, evidence.unit, verdict, errors, series, entry, limit, parts))
+        axes.append(AxisView(axis, unit, verdict, errors, series, entry, limit, parts))
         if errors.max_after > limit:
-            largest = f'{rounded(errors.max_after)} {evidence.unit}'
-            beyond[axis] = f'{axis} {largest} (limit {rounded(limit)})'
+            beyond[axis] = f'{axis} {rounded(errors.max_after)} {unit} (limit {rounded(limit)})'
         elif verdict.level == 'good' and not limit < errors.max_before:
             loose.append(axis)
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
