@@ -26,9 +26,8 @@ An existing model file is replaced; any other existing file is not."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    options.add_recordings(parser)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL.yaml')
-    options.add_reference(parser)
+    options.add_recordings(parser, 'unloaded')
     parser.add_argument(
         '--method', choices=settings.METHODS, metavar='METHOD',
         help=f'{", ".join(settings.METHODS)} (default: %(default)s)', default='auto')  # fmt: skip
@@ -40,8 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--thermal-period', type=float, metavar='SECONDS',
         help='length of a thermal cell (default: 1, or as long as samples are apart)')  # fmt: skip
     options.add_topics(parser)
-    options.add_part(parser)
-    options.add_output_forms(parser)
+    options.add_part_and_report(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -73,22 +71,19 @@ def run(arguments: argparse.Namespace) -> int:
         REPORT.write(job.report, page(content))
         words.append(f'report: {job.report}')
     names = 'chosen rms_before rms_after day_limit largest_drift time_constants_s candidates notes'
+    axes = {
+        axis.axis: {
+            'verdict': axis.verdict.level, 'why': axis.verdict.sentence,
+            **{name: getattr(calibration.fits[axis.axis], name) for name in names.split()},
+        }
+        for axis in content.axes
+    }  # fmt: skip
     document = {
-        'model': str(content.stored.path),
-        'sha256': content.stored.sha256,
-        'axes': {
-            axis.axis: {
-                'verdict': axis.verdict.level,
-                'why': axis.verdict.sentence,
-                **{name: getattr(calibration.fits[axis.axis], name) for name in names.split()},
-            }
-            for axis in content.axes
-        },
+        'model': str(content.stored.path), 'sha256': content.stored.sha256, 'axes': axes,
         'temperature_range_c': calibration.temperature_range_c,
         'duration_s': calibration.duration_s,
         'payloads': payloads_json(calibration.payloads.payloads if calibration.payloads else {}),
-        'advice': content.advice,
-        'warnings': calibration.warnings,
-    }
+        'advice': content.advice, 'warnings': calibration.warnings,
+    }  # fmt: skip
     print_result(words, document, content.warnings, as_json=arguments.json)
     return 0

@@ -56,12 +56,11 @@ def run(arguments: argparse.Namespace) -> int:
     check_copy(arguments.recording, arguments.output, arguments.output_topic, [arguments.model])
     stored = load_model(arguments.model)
     model = stored.model
-    period_s = model.period_ns / NANOSECONDS
     with progress_bar('compensating') as progress, ExitStack() as stack:
         gc.disable()  # messages make no cycles, and looking for some takes half of the time
         stack.callback(gc.enable)
         recording = read_recording(
-            arguments.recording, period_s=period_s, topics=topics,
+            arguments.recording, period_s=model.period_ns / NANOSECONDS, topics=topics,
             progress=lambda done: progress(done / 3))  # fmt: skip
         sensor_warnings = check_sensor(stored, recording.sensor, f'in {recording.name}')
         track = track_drift(model, recording)
@@ -72,12 +71,10 @@ def run(arguments: argparse.Namespace) -> int:
             output_topic=arguments.output_topic,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
     warnings = (
-        *([] if arguments.tare else [_UNTARED]),
-        *sensor_warnings,
-        *recording.warnings,
-        *rewriting_warnings,
-        *range_warnings(stored, recording),
-    )
+        *sensor_warnings, *recording.warnings, *rewriting_warnings,
+        *range_warnings(stored, recording))  # fmt: skip
+    if not arguments.tare:
+        warnings = (_UNTARED, *warnings)
     taken_off = dict(zip(AXES, tare.tolist(), strict=True))
     document = {'output': arguments.output, 'tare': taken_off, 'warnings': warnings}
     print_result([f'wrote {arguments.output}'], document, warnings, as_json=arguments.json)

@@ -13,15 +13,8 @@ from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.payload.weight import same_payload
 from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
-from wrist_ft_comp.report import report_content
+from wrist_ft_comp.report import evaluation, report_content
 from wrist_ft_comp.report.advice import IMU_TOPIC
-from wrist_ft_comp.report.evaluation import (
-    judge_errors,
-    range_warnings,
-    reference_of,
-    tared_errors,
-    without_steps,
-)
 from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
@@ -34,8 +27,7 @@ DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tar
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument('model', type=Path, metavar='MODEL.yaml')
-    options.add_recordings(parser)
-    options.add_reference(
+    options.add_recordings(
         parser, 'what the model was learnt with, if the recording holds it, or unloaded'
     )
     parser.add_argument(
@@ -43,8 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='tare on the first SECONDS, above 0; at least on the first thermal cell (default: '
         '60)')  # fmt: skip
     options.add_topics(parser)
-    options.add_part(parser)
-    options.add_output_forms(parser)
+    options.add_part_and_report(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -87,7 +78,7 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         recording = read_recording(
             path, period_s=period_s, topics=topics,
             progress=part_of(progress, number, len(paths)))  # fmt: skip
-        reference = wanted or reference_of(recording, stored.reference)
+        reference = wanted or evaluation.reference_of(recording, stored.reference)
         warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
         if hash_recording(path) in {sha256 for _, sha256 in report_content.model_sources(stored)}:
             warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
@@ -104,9 +95,10 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
                 for payload in (work.payloads.payloads.values() if work.payloads else ())
                 if not any(same_payload(payload, other) for other in others)
             )
-        warnings += tuple(without_steps(compared, true)[1])
-        errors = tared_errors(stored.model, compared, true, tare_s)
-        warnings += range_warnings(stored, recording)  # of a recording that fits the model
+        warnings += tuple(evaluation.without_steps(compared, true)[1])
+        errors = evaluation.tared_errors(stored.model, compared, true, tare_s)
+        # Of a recording that fits the model.
+        warnings += evaluation.range_warnings(stored, recording)
         recording = replace(recording, warnings=warnings)
         judged.append(report_content.EvaluatedRecording(recording, reference, errors))
     # A node that runs this model needs the IMU by which its payloads were learnt.
@@ -114,29 +106,18 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
     if not topics.force_source and any(frame.source == 'imu' for frame in own.values()):
         topics = replace(topics, imu=IMU_TOPIC)
     content = report_content.evaluation_content(stored, judged, tare_s, paths, topics)
-    document = {
-        'model': str(stored.path),
-        'sha256': stored.sha256,
-        'tare_s': tare_s,
+    verdicts = {axis.axis: axis.verdict for axis in content.axes}
+    return content, {
+        'model': str(stored.path), 'sha256': stored.sha256, 'tare_s': tare_s,
         'averaged_s': averaged_s(stored.model),
         'axes': {axis.axis: axis.errors for axis in content.axes},
         'day_limits': dict(stored.model.day_limits),
         'recordings': [
-            {
-                'name': one.recording.name,
-                'path': str(path),
-                'reference': one.reference,
-                'duration_s': one.recording.duration_s,
-                'axes': judge_errors([one.errors]),
-                'warnings': one.recording.warnings,
-            }
+            {'name': one.recording.name, 'path': str(path), 'reference': one.reference,
+             'duration_s': one.recording.duration_s,
+             'axes': evaluation.judge_errors([one.errors]), 'warnings': one.recording.warnings}
             for path, one in zip(paths, judged, strict=True)
         ],
-        'verdicts': {
-            axis.axis: {'level': axis.verdict.level, 'why': axis.verdict.sentence}
-            for axis in content.axes
-        },
-        'advice': content.advice,
-        'warnings': content.warnings,
-    }
-    return content, document
+        'verdicts': {a: {'level': v.level, 'why': v.sentence} for a, v in verdicts.items()},
+        'advice': content.advice, 'warnings': content.warnings,
+    }  # fmt: skip

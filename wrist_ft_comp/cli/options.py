@@ -39,27 +39,31 @@ def topic(text: str) -> str:
     )
 
 
-def add_recordings(parser: argparse.ArgumentParser) -> None:
-    """Add one recording or more."""
+def add_recordings(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add recordings, and what the true wrench was in them; ``default`` says what it is else."""
     parser.add_argument('recordings', nargs='+', type=Path, metavar='REC', help=RECORDING_HELP)
+    parser.add_argument(
+        '--reference', choices=get_args(Reference), metavar='WHAT',
+        help='the true wrench: unloaded (zero), constant (unknown), payload (the weight of what '
+        'is mounted, found by the specific force; contacts are left out) or recorded (beside the '
+        f'raw one); default: {default}')  # fmt: skip
 
 
 def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     """Add the names of topics in bags; returns their group."""
-    defaults = Topics()
     group = parser.add_argument_group('topics in bags')
     group.add_argument(
         '--wrench-topic', metavar='TOPIC',
-        help=f"a geometry_msgs/WrenchStamped (default: the model's, else {defaults.wrench})",
+        help=f"a geometry_msgs/WrenchStamped (default: the model's, else {Topics.wrench})",
     )  # fmt: skip
     group.add_argument(
         '--temperature-topic', action='append', metavar='TOPIC[:FIELD]',
         help='once per thermometer, the one inside the sensor first: a topic of '
         'sensor_msgs/Temperature, or a number in other messages, with a factor, and its unit, C '
         "(default), K or F: '/driver/state:joints[wrist].temp:K', '/plc/state:data[3]*0.1' "
-        f"(default: the model's, else {defaults.temperatures[0]})")  # fmt: skip
+        f"(default: the model's, else {Topics.temperatures[0]})")  # fmt: skip
     group.add_argument(
-        '--reference-topic', default=defaults.reference, metavar='TOPIC',
+        '--reference-topic', default=Topics.reference, metavar='TOPIC',
         help='(default: %(default)s)')  # fmt: skip
     group.add_argument(
         '--imu-topic', default='', metavar='TOPIC',
@@ -80,8 +84,8 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     return group
 
 
-def add_part(parser: argparse.ArgumentParser) -> None:
-    """Add which part of the recordings counts; for commands that learn or judge."""
+def add_part_and_report(parser: argparse.ArgumentParser) -> None:
+    """Add which part of recordings counts, report, and JSON; for commands that learn or judge."""
     part = parser.add_argument_group('a part of the recordings')
     part.add_argument(
         '--from', dest='begin', default='', metavar='TIME',
@@ -92,6 +96,8 @@ def add_part(parser: argparse.ArgumentParser) -> None:
     part.add_argument(
         '--exclude', action='append', default=[], metavar='A..B',
         help='leave out the wrenches from A to B, such as 79min..81min; repeatable')  # fmt: skip
+    parser.add_argument('--report', type=Path, metavar='REPORT.html', help='write a report, too')
+    add_json(parser)
 
 
 def topics_from(arguments: argparse.Namespace) -> Topics:
@@ -134,21 +140,6 @@ def require_ros(refusal: type[WristFtCompError], why: str) -> None:
             f'{why}, which this Python does not have. Source a ROS 2 installation, or install the '
             'package with its extra "ros".'
         )
-
-
-def add_reference(parser: argparse.ArgumentParser, default: str = 'unloaded') -> None:
-    """Add what the true wrench was; ``default`` says what it is where it is not given."""
-    parser.add_argument(
-        '--reference', choices=get_args(Reference), metavar='WHAT',
-        help='the true wrench: unloaded (zero), constant (unknown), payload (the weight of what '
-        'is mounted, found by the specific force; contacts are left out) or recorded (beside the '
-        f'raw one); default: {default}')  # fmt: skip
-
-
-def add_output_forms(parser: argparse.ArgumentParser) -> None:
-    """Add the report, and JSON."""
-    parser.add_argument('--report', type=Path, metavar='REPORT.html', help='write a report, too')
-    add_json(parser)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

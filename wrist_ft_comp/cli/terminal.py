@@ -1,6 +1,6 @@
 """What commands print: tables, sentences, warnings, bars, and the same as JSON for scripts."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 import json
 import re
@@ -31,11 +31,7 @@ _STYLES = {
 
 
 def print_result(
-    words: Sequence[str | Table],
-    document: Mapping[str, object],
-    warnings: Sequence[str] = (),
-    *,
-    as_json: bool,
+    words: Iterable[str | Table], document: object, warnings: Iterable[str] = (), *, as_json: bool
 ) -> None:
     """Print the result of a command: lines and tables, and warnings; or JSON, which has it all."""
     if as_json:
