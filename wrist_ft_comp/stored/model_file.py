@@ -11,12 +11,8 @@ import yaml
 
 import wrist_ft_comp
 from wrist_ft_comp.channels import SENSOR_FACTS
-from wrist_ft_comp.drift.drift_model import (
-    AxisModel,
-    DriftModel,
-    StoredModel,
-    ThermometerPrediction,
-)
+from wrist_ft_comp.drift import drift_model
+from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import check_range, ModelFileError, WristFtCompError
 from wrist_ft_comp.recording import PERIODS_S
 from wrist_ft_comp.series import NANOSECONDS
@@ -91,7 +87,7 @@ class _Axis:
     time_constant_errors_s: tuple[float | None, ...]
     notes: tuple[str, ...]
     candidates: tuple[_Candidate, ...]
-    model: AxisModel | None
+    model: drift_model.AxisModel | None
 
     def __post_init__(self) -> None:
         for name in ('rms_after', 'expected_rms', 'day_limit'):
@@ -115,7 +111,7 @@ class _Model:
     warnings: tuple[str, ...]
     provenance: dict[str, Any]
     #: What thermometers show of each other; None of a single one.
-    prediction: ThermometerPrediction | None
+    prediction: drift_model.ThermometerPrediction | None
     axes: dict[str, _Axis]
 
     def __post_init__(self) -> None:
@@ -142,7 +138,7 @@ def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
     record = KIND.restore(_Model, path, document, whole=True)
     entries = record.axes.items()
     try:
-        model = DriftModel(
+        model = drift_model.DriftModel(
             period_ns=record.period_ns, thermometers=len(record.thermometers),
             axes={axis: entry.model for axis, entry in entries if entry.model is not None},
             deviation={axis: entry.expected_rms for axis, entry in entries},
@@ -166,37 +162,30 @@ def save_model(
     Gives what ``load_model`` reads. ModelFileError when the file cannot be written, or another
     file than a model is in its place.
     """
-    path = Path(path)
-    stands_s = calibration.model.stands_s or [None] * calibration.model.thermometers
+    path, model = Path(path), calibration.model
+    stands_s = model.stands_s or [None] * model.thermometers
+    ranges_c = zip(calibration.temperature_range_c, stands_s, strict=True)
+    sensor = {
+        fact: names if fact == 'temperature_topics' else names[0]
+        for fact, names in calibration.sensor.items() if fact in SENSOR_FACTS
+    }  # fmt: skip
     document = {
-        'format': KIND.says,
-        'version': KIND.version,
-        'period_ns': calibration.model.period_ns,
-        'thermometers': [
-            {'range_c': range_c, 'stand_s': stand_s}
-            for range_c, stand_s in zip(calibration.temperature_range_c, stands_s, strict=True)
-        ],
-        'prediction': calibration.model.prediction,
-        'duration_s': calibration.duration_s,
-        'start_s': calibration.model.start_s,
+        'format': KIND.says, 'version': KIND.version, 'period_ns': model.period_ns,
+        'thermometers': [_Thermometer(*both) for both in ranges_c],
+        'prediction': model.prediction,
+        'duration_s': calibration.duration_s, 'start_s': model.start_s,
         'warnings': calibration.warnings,
         'provenance': {
             'created': datetime.now(timezone.utc).isoformat(timespec='seconds'),
             'wrist_ft_comp': wrist_ft_comp.__version__,
             'recordings': [{'path': source} for source in calibration.sources],
-            'settings': calibration.settings,
-            **{
-                fact: names if fact == 'temperature_topics' else names[0]
-                for fact, names in calibration.sensor.items()
-                if fact in SENSOR_FACTS
-            },
-            **(provenance or {}),
+            'settings': calibration.settings, **sensor, **(provenance or {}),
         },
         'axes': {
             axis: {entry.name: getattr(fit, entry.name) for entry in fields(_Axis)}
             for axis, fit in calibration.fits.items()
         },
-    }
+    }  # fmt: skip
     # In plain values no list occurs twice, which YAML would write as an alias.
     text = yaml.dump(
         to_plain(document), Dumper=_DUMPER, sort_keys=False, allow_unicode=True, width=99,

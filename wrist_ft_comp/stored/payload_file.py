@@ -5,7 +5,7 @@ A name is never given to another payload: a program may have set it as ``payload
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 import re
 from typing import Literal
@@ -28,15 +28,14 @@ KIND = Kind(
     name='file of payloads', says='wrist_ft_comp payloads', version=2, max_bytes=10_000_000,
     error=ModelFileError, made_by='A calibration with --reference payload makes one.',
     renewed_by='Remove it, calibrate again',
-    remedy='Make room, or choose another folder.',
-)  # fmt: skip
+    remedy='Make room, or choose another folder.')  # fmt: skip
 #: By name, oldest first.
 Learnt = dict[str, tuple[Payload, ForceFrame]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Entry(ForceFrame):
-    """What a file says of a payload and its frame; absent figures are not known."""
+    """What a file says of a payload, and its frame; absent figures are not known."""
 
     mass_kg: float
     center_of_mass_m: FloatArray
@@ -62,11 +61,6 @@ class _Entry(ForceFrame):
         center_m, error_kg = self.center_of_mass_m, self.mass_error_kg
         return Payload(self.mass_kg, center_m, error_kg, errors_m, self.share)
 
-    def frame(self) -> ForceFrame:
-        return ForceFrame(
-            **{entry.name: getattr(self, entry.name) for entry in fields(ForceFrame)}
-        )
-
 
 @dataclass(frozen=True)
 class _Payloads:
@@ -77,7 +71,7 @@ class _Payloads:
 def load_payloads(path: Path) -> Learnt:
     """Read a file of payloads; none where there is no file. ModelFileError when it is broken."""
     entries = KIND.load(_Payloads, path) or _Payloads({})
-    return {name: (entry.payload(), entry.frame()) for name, entry in entries.payloads.items()}
+    return {name: (entry.payload(), entry) for name, entry in entries.payloads.items()}
 
 
 def add_payloads(
