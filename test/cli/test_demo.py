@@ -63,10 +63,10 @@ def test_without_rclpy_there_is_a_sentence(run, tmp_path, monkeypatch):
 
 def listen(recorded_s, **programs):
     """Watch a node that says how long its recording is."""
-    values = {'recording_s': recorded_s}
-    watch = SimpleNamespace(statuses={'calibration': SimpleNamespace(values=values)})
+    statuses = {'calibration': SimpleNamespace(values={'recording_s': recorded_s})}
     operator = SimpleNamespace(wait_for=lambda is_over, _: is_over())
-    demo.listen(operator, watch, 11_400, programs, lambda _: None)
+    watch = SimpleNamespace(operator=operator, statuses=statuses)
+    demo.listen(watch, 11_400, programs, lambda _: None)
 
 
 def test_a_day_is_as_long_as_the_node_says_and_one_without_end_is_a_sentence():

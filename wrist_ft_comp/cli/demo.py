@@ -19,7 +19,7 @@ from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stored.node_folder import NodeFolder
 
 if TYPE_CHECKING:
-    from wrist_ft_comp.cli.node_client import Operator, Watch
+    from wrist_ft_comp.cli.node_client import Watch
 
 _Process = subprocess.Popen[bytes]
 #: A program that was asked to end is killed after this time, s.
@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
 def play(folder: Path) -> None:
     """Let the node record, calibrate and record again."""
     os.environ.update(own_domain())
-    from wrist_ft_comp.cli.node_client import ask, operating, Watch  # noqa: PLC0415 -- ROS
+    from wrist_ft_comp.cli.node_client import operating, Watch  # noqa: PLC0415 -- ROS
 
     node: dict[str, object] = {
         'data_directory': folder, 'temperature_topics': '[temperature, temperature_2]',
@@ -113,25 +113,20 @@ def play(folder: Path) -> None:
             }  # fmt: skip
             # The node is started anew on the second day, and takes the model by itself.
             with process('compensator_node', node, log) as compensator:
-                name = operator.find()
-                watch = Watch(operator, name)
-                ask(operator, name, 'record', watch)
+                watch = Watch(operator, operator.find())
+                watch.ask('record')
                 with process('simulated_sensor', parameters, log) as sensor:
                     programs = {'compensator': compensator, 'sensor': sensor}
                     with progress_bar(f'recording day {number + 1} of 2') as progress:
-                        listen(operator, watch, length_s, programs, progress)
-                ask(operator, name, 'stop', watch)
+                        listen(watch, length_s, programs, progress)
+                watch.ask('stop')
                 if not number:
                     with waiting('the node calibrates'):
-                        ask(operator, name, 'calibrate', watch)
+                        watch.ask('calibrate')
 
 
 def listen(
-    operator: 'Operator',
-    watch: 'Watch',
-    length_s: float,
-    programs: Mapping[str, _Process],
-    progress: Progress,
+    watch: 'Watch', length_s: float, programs: Mapping[str, _Process], progress: Progress
 ) -> None:
     """Wait until the node has recorded a day, as long as both programs are alive."""
 
@@ -145,7 +140,7 @@ def listen(
         return recorded_s >= length_s
 
     patience_s = _PATIENCE * length_s / _SPEED
-    operator.wait_for(lambda: is_over() or ended(), patience_s)
+    watch.operator.wait_for(lambda: is_over() or ended(), patience_s)
     if not is_over():
         why = f'node did not record a day within {patience_s:.0f} s'
         if ended():

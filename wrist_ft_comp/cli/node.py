@@ -17,7 +17,7 @@ from wrist_ft_comp.cli import options, terminal
 from wrist_ft_comp.errors import NodeError
 
 if TYPE_CHECKING:
-    from wrist_ft_comp.cli.node_client import Operator, Watch
+    from wrist_ft_comp.cli.node_client import Watch
 
 HELP = 'operate a running compensator: record, calibrate, tare, look at its status'
 DESCRIPTION = """\
@@ -34,8 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         'action', metavar='ACTION',
-        help='status, record, stop (ends a recording), or another service of it',
-    )  # fmt: skip
+        help='status, record, stop (ends a recording), or another service of it')  # fmt: skip
     parser.add_argument(
         '--name', default='',
         help='which node, by its name or namespace, where several run')  # fmt: skip
@@ -55,16 +54,15 @@ def run(arguments: argparse.Namespace) -> int:
         name = operator.find(arguments.name)
         watch = node_client.Watch(operator, name)
         if action == 'status':
-            if not operator.wait_for(lambda: watch.reports, node_client.SILENCE_S):
-                raise NodeError(
-                    f'{name} has published no diagnostics for {node_client.SILENCE_S:.0f} s.'
-                )
-            return _show(operator, name, watch, arguments)
+            silence_s = node_client.SILENCE_S
+            if not operator.wait_for(lambda: watch.reports, silence_s):
+                raise NodeError(f'{name} has published no diagnostics for {silence_s:.0f} s.')
+            return _show(watch, arguments)
         service = 'record' if action == 'stop' else action
         if not operator.wait_for(lambda: service in operator.services(f'{name}/'), 1.0):
+            offered = ', '.join(operator.services(f'{name}/'))
             raise NodeError(
-                f'{name} has no service {action}. Ask for status, stop, or one of '
-                f'{", ".join(operator.services(f"{name}/"))}.'
+                f'{name} has no service {action}. Ask for status, stop, or one of {offered}.'
             )
         with terminal.waiting(action) as describe:
 
@@ -74,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
                 describe(': '.join([action, *said]))
 
             operator.node.create_timer(0.5, show)
-            answer = node_client.ask(operator, name, action, watch)
+            answer = watch.ask(action)
     if arguments.json:
         terminal.print_json({'node': name, 'action': action, 'answer': answer})
     else:
@@ -82,29 +80,30 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _show(operator: 'Operator', name: str, watch: 'Watch', arguments: argparse.Namespace) -> int:
+def _show(watch: 'Watch', arguments: argparse.Namespace) -> int:
     """Print the status once, or in a terminal again and again; 1 when anything is not ok."""
     if arguments.json:
         statuses = {
             key: {'level': _LEVELS[part.level].lower(), 'message': part.message, **part.values}
             for key, part in watch.statuses.items()
         }
-        terminal.print_json({'node': name, 'hardware_id': watch.hardware_id, 'statuses': statuses})
+        head = {'node': watch.name, 'hardware_id': watch.hardware_id}
+        terminal.print_json({**head, 'statuses': statuses})
     elif arguments.once or not sys.stdout.isatty():
-        terminal.print_words(status_page(name, watch))
+        terminal.print_words(status_page(watch))
     else:
         with suppress(KeyboardInterrupt), Live(auto_refresh=False) as live:
             while True:
-                live.update(Group(*terminal.coloured(status_page(name, watch))), refresh=True)
+                live.update(Group(*terminal.coloured(status_page(watch))), refresh=True)
                 watch.reports = 0
-                operator.wait_for(lambda: watch.reports, 1.0)
+                watch.operator.wait_for(lambda: watch.reports, 1.0)
     return int(any(status.level != b'\0' for status in watch.statuses.values()))
 
 
-def status_page(name: str, watch: 'Watch') -> Iterator[str | Table]:
+def status_page(watch: 'Watch') -> Iterator[str | Table]:
     """Write what was heard: what is wrong first, then the numbers."""
     sensor = f', sensor {watch.hardware_id}' if watch.hardware_id else ''
-    yield f'{name}{sensor}'[: terminal.WIDTH - 11] + f'  {time.strftime("%H:%M:%S")}'
+    yield f'{watch.name}{sensor}'[: terminal.WIDTH - 11] + f'  {time.strftime("%H:%M:%S")}'
     yield ''
     if watch.silent:
         yield 'ERROR   Nothing was heard of it for ten seconds: it has ended, or hangs.'

@@ -67,10 +67,9 @@ class Operator:
 
         def found() -> list[str]:
             return [
-                name
-                for name in self.running()
+                name for name in self.running()
                 if not wanted or name_or_namespace in {name, name.rpartition('/')[0]}
-            ]
+            ]  # fmt: skip
 
         if not self.wait_for(found, DISCOVERY_S):
             others = f'; running are: {", ".join(self.running())}' if self.running() else ''
@@ -116,9 +115,10 @@ def operating() -> Iterator[Operator]:
 
 
 class Watch:
-    """The newest statuses of a node, by their names."""
+    """A compensator that is asked by its services, and its newest statuses, by their names."""
 
     def __init__(self, operator: Operator, name: str) -> None:
+        self.operator, self.name = operator, name
         self.statuses: dict[str, Status] = {}
         self.hardware_id = ''
         #: How many reports came, and when the newest did, by the steady clock, s.
@@ -141,28 +141,27 @@ class Watch:
         """Whether no report has come for long."""
         return time.monotonic() - self.heard_s > SILENCE_S
 
+    def ask(self, action: str) -> str:
+        """
+        Let it do something by the service of that name, and give its answer.
 
-def ask(operator: Operator, name: str, action: str, watch: Watch) -> str:
-    """
-    Let a node do something by the service of that name, and give its answer.
-
-    ``record`` and ``stop`` are the two requests of ~/record. NodeError when it refuses, or ends.
-    """
-    operator.introduce(name)
-    kind, service, request = Trigger, action, Trigger.Request()
-    if action in {'record', 'stop'}:
-        kind, service, request = SetBool, 'record', SetBool.Request(data=action == 'record')
-    client = operator.node.create_client(kind, f'{name}/{service}')
-    if not operator.wait_for(client.service_is_ready, DISCOVERY_S):
-        raise NodeError(f'{client.srv_name} is not offered. Does the node still run?')
-    future = client.call_async(request)
-    operator.wait_for(lambda: future.done() or watch.silent, float('inf'))
-    if not future.done():
-        raise NodeError(
-            f'{name} has said nothing for {SILENCE_S:.0f} s: it has ended, or hangs. Its log says '
-            f'whether {action} was done.'
-        )
-    answer = future.result()
-    if not answer.success:
-        raise NodeError(str(answer.message))
-    return str(answer.message)
+        ``record`` and ``stop`` are the requests of ~/record. NodeError when it refuses, or ends.
+        """
+        self.operator.introduce(self.name)
+        kind, service, request = Trigger, action, Trigger.Request()
+        if action in {'record', 'stop'}:
+            kind, service, request = SetBool, 'record', SetBool.Request(data=action == 'record')
+        client = self.operator.node.create_client(kind, f'{self.name}/{service}')
+        if not self.operator.wait_for(client.service_is_ready, DISCOVERY_S):
+            raise NodeError(f'{client.srv_name} is not offered. Does the node still run?')
+        future = client.call_async(request)
+        self.operator.wait_for(lambda: future.done() or self.silent, float('inf'))
+        if not future.done():
+            raise NodeError(
+                f'{self.name} has said nothing for {SILENCE_S:.0f} s: it has ended, or hangs. Its '
+                f'log says whether {action} was done.'
+            )
+        answer = future.result()
+        if not answer.success:
+            raise NodeError(str(answer.message))
+        return str(answer.message)

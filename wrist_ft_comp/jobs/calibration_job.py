@@ -25,19 +25,18 @@ from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 
 
 def run_job(
-    job: CalibrationJob, progress: Progress | None = None
+    job: CalibrationJob, progress: Progress = lambda _: None
 ) -> tuple[Calibration, ReportContent]:
     """
     Read, fit and save the model, or raise and change nothing.
 
     Gives the calibration, and the content of its report, which is written apart.
     """
-    report = progress or (lambda _: None)
     recordings: list[Recording] = []
     paths: dict[str, Path] = {}
     left_out: list[str] = []
     for number, path in enumerate(job.recordings):
-        part = part_of(report, number, 2 * len(job.recordings))
+        part = part_of(progress, number, 2 * len(job.recordings))
         try:
             recording, sha256 = _read(job, path, paths, part)
         except RecordingError as error:
@@ -52,7 +51,7 @@ def run_job(
     left_out += starts.values()
     for place in reversed(starts):
         del recordings[place], paths[list(paths)[place]]
-    found = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
+    found = calibrate(recordings, job.settings, lambda done: progress(0.5 + 0.5 * done))
     found = replace(found, warnings=(*left_out, *found.warnings))
     calibration, stored = save(job, found, paths)
     reference, options = job.settings.reference, job.topics.column_options

@@ -81,14 +81,11 @@ class JobProcess:
 
     def __init__(self, command: Sequence[str], job: CalibrationJob) -> None:
         text = json.dumps(to_plain(job), default=str)  # which from_plain reads
+        pipe = subprocess.PIPE
+        # In a session of its own, because Ctrl-C in the terminal is the node's to handle.
         self._process = subprocess.Popen(  # noqa: S603 -- our own command line
-            (*command, str(os.getpid())),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env={**os.environ, **ONE_THREAD},
-            start_new_session=True,  # Ctrl-C in the terminal is the node's to handle
-        )
+            (*command, str(os.getpid())), stdin=pipe, stdout=pipe, stderr=pipe,
+            env={**os.environ, **ONE_THREAD}, start_new_session=True)  # fmt: skip
         if job.learning is not None:
             os.setpriority(os.PRIO_PROCESS, self._process.pid, 19)  # nobody waits for it
         self._output, self._errors = b'', b''
@@ -109,11 +106,11 @@ class JobProcess:
             last_line = self._errors.decode(errors='replace').strip().rsplit('\n', 1)[-1]
             code = self._process.returncode
             how = f'by signal {-code}' if code < 0 else f'with code {code}'
-            return {
-                'success': False,
-                'message': f'The calibration process was ended {how} and gave no result '
-                f'({last_line or "it said nothing"}). The running model stays; call again.',
-            }
+            message = (
+                f'The calibration process was ended {how} and gave no result '
+                f'({last_line or "it said nothing"}). The running model stays; call again.'
+            )
+            outcome = {'success': False, 'message': message}
         return outcome
 
     def end(self) -> None:

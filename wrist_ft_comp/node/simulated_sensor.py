@@ -53,12 +53,11 @@ PARAMETERS = (
     _row('duty_cycle.start_s', _RUN.duty_start_s,
          'Ascending times at which the duty cycle of the motor changes.', 'simulated s', 0.0),
     _row('duty_cycle.level', _RUN.duty_level, 'Duty cycle from each of these times on.',
-         minimum=0.0, maximum=1.0),
-)  # fmt: skip
+         minimum=0.0, maximum=1.0))  # fmt: skip
 
 #: Messages due within this time leave in one wake-up, which costs less than a wake-up for each.
 SHORTEST_WAKE_S = 0.004
-#: The longest pause that is made up for.
+#: The longest pause that is made up for, s.
 LONGEST_WAKE_S = 0.05
 #: The run begins when no subscriber has come for this time, s: a node's topics are not found at
 #: once, and at a high speed a second without a thermometer is the beginning of a warm-up.
@@ -76,8 +75,7 @@ class _Topic:
         with opening(name):  # best effort as real drivers', and deep enough for one wake-up
             self.publisher: Any = node.create_publisher(
                 type(message), name, copy(SLOW_SENSOR),
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            )  # fmt: skip
+                qos_overriding_options=QoSOverridingOptions.with_default_policies())  # fmt: skip
         self._message, self._stamp = message, message.header.stamp
         self._places = [(part, name) for part in parts for name in fields]
 
@@ -108,8 +106,7 @@ class SimulatedSensor(Node):
             settings = replace(settings, force_n=0.0, torque_nm=0.0)
         self._run = ft_sensor.draw_run(settings, draws)
         self._sensor = ft_sensor.build_sensor(chosen['seed'])
-        room_c = float(ft_sensor.room_temperature(self._run, 0.0))
-        self._state = ft_sensor.start(room_c)
+        self._state = ft_sensor.start(float(ft_sensor.room_temperature(self._run, 0.0)))
         #: Steps of the heat flow that are done.
         self._step = 0
         self._speed, self._wrench_rate = chosen['speed'], chosen['wrench_rate']
@@ -122,9 +119,10 @@ class SimulatedSensor(Node):
         self._subscribers, self._subscribed_s = list[int](), 0.0
         self._raw = _wrench_topic(self, 'wrench_raw')
         self._reference = _wrench_topic(self, 'wrench_reference')
-        noise_k, self._thermometers = ft_sensor.THERMOMETER_NOISE_K, list[_Topic]()
+        self._thermometers: list[_Topic] = []
         for name in ('temperature', 'temperature_2'):
-            heat = Temperature(header=Header(frame_id=_FRAME), variance=noise_k**2)
+            variance = ft_sensor.THERMOMETER_NOISE_K**2
+            heat = Temperature(header=Header(frame_id=_FRAME), variance=variance)
             self._thermometers.append(_Topic(self, name, heat, [heat], ['temperature']))
         #: Of a robot at work: its program.
         self._work: robot.Work | None = None
@@ -162,18 +160,15 @@ class SimulatedSensor(Node):
             self._woken_s = now_s
         before_s, passed_s = self._ran_s, min(now_s - self._woken_s, LONGEST_WAKE_S)
         self._ran_s, self._woken_s = max(before_s, 0.0) + passed_s, now_s
-        wrench_ns, temperature_ns = (
-            np.rint(
-                np.arange(floor(before_s * rate) + 1, floor(self._ran_s * rate) + 1)
-                * (self._speed / rate * NANOSECONDS)
-            ).astype(np.int64)
-            for rate in (self._wrench_rate, self._temperature_rate)
-        )
+        due_ns: list[IntArray] = []
+        for rate in (self._wrench_rate, self._temperature_rate):
+            numbers = np.arange(floor(before_s * rate) + 1, floor(self._ran_s * rate) + 1)
+            due_ns.append(np.rint(numbers * (self._speed / rate * NANOSECONDS)).astype(np.int64))
+        wrench_ns, temperature_ns = due_ns
         # Advance the heat to the latest of these times; node temperatures at each of them.
-        first = self._step
-        step_ns = round(ft_sensor.STEP_S * NANOSECONDS)
-        steps = [due_ns // step_ns for due_ns in (wrench_ns, temperature_ns)]
-        self._step = max(first, *(int(step[-1]) for step in steps if len(step)), first)
+        first, step_ns = self._step, round(ft_sensor.STEP_S * NANOSECONDS)
+        steps = [times_ns // step_ns for times_ns in due_ns]
+        self._step = int(np.concatenate(steps).max(initial=first))
         begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * ft_sensor.STEP_S
         drive = ft_sensor.drive(self._run, begins_s)
         nodes_c = ft_sensor.trajectory(self._sensor, self._state, drive)
@@ -183,9 +178,8 @@ class SimulatedSensor(Node):
         )
         elapsed_s = wrench_ns / NANOSECONDS
         true = ft_sensor.true_wrench(self._run, elapsed_s)
-        read = ft_sensor.digitised_temperatures(
-            self._sensor, temperature_nodes_c, self._temperature_rng
-        )
+        rng = self._temperature_rng
+        read = ft_sensor.digitised_temperatures(self._sensor, temperature_nodes_c, rng)
         # Topics with the times and numbers of their messages; those of one time go in this order.
         streams: list[tuple[_Topic, IntArray, FloatArray]] = [
             (topic, temperature_ns, read[:, [j]]) for j, topic in enumerate(self._thermometers)

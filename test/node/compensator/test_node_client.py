@@ -114,8 +114,9 @@ VALUES |= {
 @given(st.dictionaries(NAMES, st.tuples(st.sampled_from(LEVELS), WORDS)))
 def test_a_page_fits_into_eighty_columns_whatever_is_wrong(said):
     heard = {name: Status(name, *pair, VALUES) for name, pair in said.items()}
-    watch = SimpleNamespace(statuses=heard, hardware_id='x' * 100, silent=True)
-    page = list(command.status_page('/a/very/long/namespace/of/a/robot/wrist_ft_comp', watch))
+    name = '/a/very/long/namespace/of/a/robot/wrist_ft_comp'
+    watch = SimpleNamespace(name=name, statuses=heard, hardware_id='x' * 100, silent=True)
+    page = list(command.status_page(watch))
     console = Console(file=StringIO(), width=200)
     console.print(*coloured(page), sep='\n')
     text = console.file.getvalue()
