@@ -2,10 +2,7 @@
 Temperature-drift compensation for a robot's wrist force/torque sensor.
 
 ``__all__`` is for others' programs (docs/python.md); each name is loaded when it is asked for.
-
-docs/architecture.md says what the folders are and where is what. The order in which they may look
-into each other: ``drift``, ``wire``, ``stream``, ``payload``, ``fit``, ``stored``, ``recordings``,
-``learning``, ``report``, ``jobs``, ``ros``, ``simulation``, ``node``, ``cli``.
+docs/architecture.md says what the folders are, in the order in which they import each other.
 """
 
 from importlib import import_module

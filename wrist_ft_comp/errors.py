@@ -5,12 +5,7 @@ import re
 
 
 class WristFtCompError(Exception):
-    """
-    Base of every error this package raises on purpose; its text is a sentence for the user.
-
-    The text says what was expected, what came (value, file, channel) and what to do. Each door
-    translates it once: the command line into exit code 1, a service into ``success: false``.
-    """
+    """Base of all that is raised on purpose; says what was expected, what came, what to do."""
 
     @classmethod
     def kind(cls) -> str:

@@ -88,7 +88,7 @@ def view(tmp_path_factory, stored, make_working_day):
         if kind == 'plateaus':
             recordings = [make_plateaus()]
             calibration, model = learn(recordings, folder, method='pls', features='hats')
-            return contents.calibration_content(calibration, recordings, model, 'unloaded')
+            return contents.calibration_content(calibration, recordings, model)
         if kind == 'evaluation':
             second = evaluated(stored, make_recording('second.csv', 1), 'constant')
             both = [evaluated(stored, make_recording()), second]
@@ -96,7 +96,7 @@ def view(tmp_path_factory, stored, make_working_day):
         if kind == 'work':
             recordings = [make_working_day(0), make_working_day(1)]
             calibration, model = learn(recordings, folder, 'payload', method='pls')
-            return contents.calibration_content(calibration, recordings, model, 'payload')
+            return contents.calibration_content(calibration, recordings, model)
         drifts = {'good': (1.0, 0.0, 0), 'weak': (0.05, 0.1, 0), 'none': (0.0, 0.0, 2)}
         slope, hidden, seed = drifts[kind]
         recordings = [
@@ -104,7 +104,7 @@ def view(tmp_path_factory, stored, make_working_day):
             for k, name in enumerate([NAME] if kind == 'weak' else [NAME, 'second.csv'], seed)
         ]
         calibration, model = learn(recordings, folder, method='pls' if kind == 'weak' else 'auto')
-        return contents.calibration_content(calibration, recordings, model, 'unloaded')
+        return contents.calibration_content(calibration, recordings, model)
 
     return build
 

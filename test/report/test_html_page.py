@@ -114,7 +114,7 @@ def test_a_refused_axis_is_named_once_at_the_top(make, tmp_path):
     fits = {**calibration.fits, 'force_z': fit}
     warnings = f'{refusal}. It is left.', 'Something else.'
     refused = replace(calibration, fits=fits, warnings=warnings)
-    view = calibration_content(refused, recordings, stored, 'unloaded')
+    view = calibration_content(refused, recordings, stored)
     assert view.warnings == ('Something else.',)
     axis = next(axis for axis in view.axes if axis.axis == 'force_z')
     assert axis.verdict.level == 'uncalibrated'
@@ -127,7 +127,7 @@ def test_a_program_writes_a_report_and_the_answer_of_a_service_has_its_lines(mak
     calibration, stored = make.learn(recordings, tmp_path, method='pls')
     write_report(tmp_path / 'r.html', stored, calibration, recordings)
     whole = Outline((tmp_path / 'r.html').read_text()).whole
-    lines = calibration_content(calibration, recordings, stored, 'unloaded').lines()
+    lines = calibration_content(calibration, recordings, stored).lines()
     assert lines[0].startswith('force_x: good. ')
     advice = [line.removeprefix('next: ') for line in lines if line.startswith('next: ')]
     assert len(advice) == 3

@@ -58,11 +58,7 @@ class Operator:
         return [name.removesuffix(_KNOWN_BY) for name in names if name.endswith(_KNOWN_BY)]
 
     def find(self, wanted: str = '') -> str:
-        """
-        Find a compensator by its full name or its namespace, or the only one.
-
-        NodeError when there is none of that name, or more than one without a name.
-        """
+        """Find a compensator by its full name or its namespace, or the only one; or NodeError."""
         name_or_namespace = f'/{wanted.strip("/")}'
 
         def found() -> list[str]:
@@ -142,11 +138,7 @@ class Watch:
         return time.monotonic() - self.heard_s > SILENCE_S
 
     def ask(self, action: str) -> str:
-        """
-        Let it do something by the service of that name, and give its answer.
-
-        ``record`` and ``stop`` are the requests of ~/record. NodeError when it refuses, or ends.
-        """
+        """Call a service, or record or stop, and give the answer; NodeError when it refuses."""
         self.operator.introduce(self.name)
         kind, service, request = Trigger, action, Trigger.Request()
         if action in {'record', 'stop'}:

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
 from wrist_ft_comp.cli import options, recording_summary
+from wrist_ft_comp.cli.recording_summary import RecordingSummary
 from wrist_ft_comp.cli.terminal import filled, print_result, progress_bar, table
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, StateFileError
@@ -89,12 +90,10 @@ def run(arguments: argparse.Namespace) -> int:
             described = replace(described, warnings=said)
         words = recording_summary.commands(described, path)
         document = {
-            **vars(described),
-            'candidates': [vars(c) for c in described.candidates],
-            'commands': words if described.is_open or not refusal else [],
-            'refusal': refusal,
-        }
-        lines = [*_recording_lines(described, path, refusal)]
+            **vars(described), 'candidates': [vars(c) for c in described.candidates],
+            'commands': words if described.is_open or not refusal else [], 'refusal': refusal,
+        }  # fmt: skip
+        lines = [*_recording_lines(described, words, refusal)]
         if arguments.picture and recording:
             figure = pictures.recording_figure(recording)
     if arguments.picture:
@@ -152,8 +151,9 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
 
 
 def _recording_lines(
-    summary: recording_summary.RecordingSummary, path: Path, refusal: str
+    summary: RecordingSummary, commands: Sequence[str], refusal: str
 ) -> Iterator[str | Table]:
+    """Describe what a recording holds, and what it is good for."""
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     header = ['channel', 'type or unit', 'samples', 'per second', 'used as']
@@ -164,9 +164,10 @@ def _recording_lines(
          channel.role or '-']
         for channel in summary.channels
     ]  # fmt: skip
-    head = f'{summary.name}: {summary.kind}'
-    yield head if summary.is_open else f'{head}, {span}'
-    if not summary.is_open:  # of one that is, nothing was read
+    if summary.is_open:  # nothing was read
+        yield f'{summary.name}: {summary.kind}'
+    else:
+        yield f'{summary.name}: {summary.kind}, {span}'
         yield table(header, rows)
     yield from _candidate_lines(summary.candidates)
     if (directions := summary.gravity_directions) is not None:
@@ -177,7 +178,7 @@ def _recording_lines(
             f'specific force{source}: gravity moved along {directions} of 3 directions; a payload '
             'needs 2: tilt the tool about two axes.'
         )
-    yield from _use(summary, path, refusal)
+    yield from _use(summary, commands, refusal)
     yield from (f'warning: {warning}' for warning in summary.warnings)
 
 
@@ -205,7 +206,7 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
         yield f'If {entry} is in {unit}, write {entry}{field}{suffix}.'
 
 
-def _refusal(summary: recording_summary.RecordingSummary, recording: Recording | None) -> str:
+def _refusal(summary: RecordingSummary, recording: Recording | None) -> str:
     """Say why nothing can be learnt from a recording; empty where something can."""
     if summary.is_open:
         return summary.refusal
@@ -225,9 +226,9 @@ def _refusal(summary: recording_summary.RecordingSummary, recording: Recording |
     return ''
 
 
-def _use(summary: recording_summary.RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
+def _use(summary: RecordingSummary, commands: Sequence[str], refusal: str) -> Iterator[str]:
     """Say what a recording is good for, or why for nothing."""
-    topics, commands = summary.topics, recording_summary.commands(summary, path)
+    topics = summary.topics
     if refusal:
         yield refusal
         yield from commands[:1] if summary.is_open else ()
@@ -250,10 +251,7 @@ def _use(summary: recording_summary.RecordingSummary, path: Path, refusal: str) 
                     'Its columns have names of another program, so what they are is a guess. Look '
                     'at the units. Write another one behind a column: :kN, :Nmm, :F, *9.81.'
                 )
-            yield (
-                f'\n{said} Written once, into {MAP_FILE} beside the recordings, it needs no '
-                'option:'
-            )
+            yield f'\n{said} Written into {MAP_FILE} beside the recordings, it needs no option:'
             yield from recipe(topics.columns, topics.time)
 
 

@@ -1,8 +1,4 @@
-"""
-The calibration job: read recordings, fit, save the model and its payloads.
-
-The command line runs it in its own process, the node in another one (``job_main``).
-"""
+"""The calibration job: read recordings, fit, save the model and its payloads."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -27,11 +23,7 @@ from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 def run_job(
     job: CalibrationJob, progress: Progress = lambda _: None
 ) -> tuple[Calibration, ReportContent]:
-    """
-    Read, fit and save the model, or raise and change nothing.
-
-    Gives the calibration, and the content of its report, which is written apart.
-    """
+    """Read, fit and save the model, or raise and change nothing; give what its report holds."""
     recordings: list[Recording] = []
     paths: dict[str, Path] = {}
     left_out: list[str] = []
@@ -54,8 +46,8 @@ def run_job(
     found = calibrate(recordings, job.settings, lambda done: progress(0.5 + 0.5 * done))
     found = replace(found, warnings=(*left_out, *found.warnings))
     calibration, stored = save(job, found, paths)
-    reference, options = job.settings.reference, job.topics.column_options
-    return calibration, calibration_content(calibration, recordings, stored, reference, options)
+    options = job.topics.column_options
+    return calibration, calibration_content(calibration, recordings, stored, options)
 
 
 def _read(

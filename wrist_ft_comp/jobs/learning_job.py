@@ -26,11 +26,7 @@ _LATE = 'This day was judged late, and no model was learnt after it.'
 
 
 def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
-    """
-    Judge the newest day, and those that are missing in the diary, and save the results.
-
-    What cannot be saved, such as the diary on a full disk, is reported; the rest is done.
-    """
+    """Judge the newest day, and those that the diary lacks; report what cannot be saved."""
     if not job.recordings:
         raise RecordingError('No day has ended yet; there is nothing to learn from.')
     history, directory = learning.history, job.recordings[-1].parent.parent
@@ -73,7 +69,7 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
             answer |= {'sha256': stored.sha256, 'document': stored.document}
             with suppress(WristFtCompError):  # the report does not matter to the model
                 drifts = [look(name).drift for name in choice.days]
-                content = calibration_content(saved, drifts, stored, 'payload')
+                content = calibration_content(saved, drifts, stored)
                 advice = ''.join(f'To make it better: {said}' for said in content.advice[:1])
                 if job.report is not None:
                     REPORT.write(job.report, page(content))

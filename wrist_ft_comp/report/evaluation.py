@@ -44,12 +44,9 @@ class AxisEvaluation:
 
 
 def evaluate(
-    model: DriftModel,
-    recordings: Sequence[Recording],
-    *,
-    reference: Reference = 'unloaded',
-    tare_s: float = 60.0,
-) -> dict[str, AxisEvaluation]:
+    model: DriftModel, recordings: Sequence[Recording], *,
+    reference: Reference = 'unloaded', tare_s: float = 60.0,
+) -> dict[str, AxisEvaluation]:  # fmt: skip
     """
     Judge a model on recordings: ``tared_errors`` of each, put into figures by axis.
 
@@ -121,11 +118,9 @@ def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]
 
 
 def thermal_sensitivity_drift(
-    temperature_c: FloatArray,
-    zero_output: FloatArray,
-    full_scale_output: FloatArray,
+    temperature_c: FloatArray, zero_output: FloatArray, full_scale_output: FloatArray,
     reference_c: float,
-) -> FloatArray:
+) -> FloatArray:  # fmt: skip
     """
     Compute the coefficient of thermal sensitivity drift K_s (eq. 23), % of full scale per °C.
 

@@ -29,18 +29,15 @@ def page(view: report_content.ReportContent) -> str:
 
 
 def write_report(
-    path: Path | str,
-    stored: StoredModel,
-    calibration: Calibration,
+    path: Path | str, stored: StoredModel, calibration: Calibration,
     recordings: Sequence[Recording],
-) -> None:
+) -> None:  # fmt: skip
     """
     Write the report of a calibration that ``save_model`` has saved, with its recordings.
 
     It replaces a report of this package only; OutputError where another file is there.
     """
-    reference = calibration.settings.reference if calibration.settings else 'unloaded'
-    content = report_content.calibration_content(calibration, recordings, stored, reference)
+    content = report_content.calibration_content(calibration, recordings, stored)
     REPORT.write(Path(path), page(content))
 
 

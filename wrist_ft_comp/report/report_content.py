@@ -137,14 +137,12 @@ class ReportContent:
 
 
 def calibration_content(
-    calibration: Calibration,
-    recordings: Sequence[Recording],
-    stored: StoredModel,
-    reference: Reference,
+    calibration: Calibration, recordings: Sequence[Recording], stored: StoredModel,
     options: Sequence[str] = (),
-) -> ReportContent:
+) -> ReportContent:  # fmt: skip
     """Fill a report's content from a calibration; ``options`` read another such table."""
     fits, work = calibration.fits, calibration.separation
+    reference = calibration.settings.reference if calibration.settings else 'unloaded'
     # At work, what a payload weighs is the load that was known.
     coverage = advices.cover(recordings if work is None else work.drift)
     longest_s = max(recording.duration_s for recording in recordings)
@@ -192,12 +190,9 @@ def calibration_content(
 
 
 def evaluation_content(
-    stored: StoredModel,
-    evaluated: Sequence[EvaluatedRecording],
-    tare_s: float,
-    paths: Sequence[Path] = (),
-    topics: Topics | None = None,
-) -> ReportContent:
+    stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float,
+    paths: Sequence[Path] = (), topics: Topics | None = None,
+) -> ReportContent:  # fmt: skip
     """
     Fill a report's content from an evaluation.
 
@@ -212,9 +207,7 @@ def evaluation_content(
     cells: list[FloatArray] = [np.arange(len(one), dtype=np.float64) for one in recordings]
     cell = np.concatenate([mean_over(numbers, over) for numbers in cells])
     # How far a thermometer moved within a recording, at most.
-    moved_k = max(
-        float(np.ptp(mean_over(r.temperature_c, over), axis=0).max()) for r in recordings
-    )
+    moved_k = max(np.ptp(mean_over(r.temperature_c, over), axis=0).max() for r in recordings)
     before, after = map(np.concatenate, zip(*(e.errors for e in evaluated), strict=True))
     axes: list[AxisView] = []
     beyond: dict[str, str] = {}

@@ -159,10 +159,8 @@ def draw_accelerometer(rng: np.random.Generator) -> Accelerometer:
     crooked = rng.normal(0, 1, 3)
     return Accelerometer(
         Rotation.from_rotvec(np.deg2rad(3.0) * crooked / np.linalg.norm(crooked)),
-        bias=rng.normal(0, 0.1, 3),
-        scale=1 + 0.005 * rng.choice([-1.0, 1.0], 3),
-        per_kelvin=rng.normal(0, 0.003, 3),
-    )
+        bias=rng.normal(0, 0.1, 3), scale=1 + 0.005 * rng.choice([-1.0, 1.0], 3),
+        per_kelvin=rng.normal(0, 0.003, 3))  # fmt: skip
 
 
 def read_imu(

@@ -7,11 +7,7 @@ from wrist_ft_comp.errors import WristFtCompError
 
 
 class FileWriter:
-    """
-    Writes files in a thread, in turn, so that no callback waits for the disk.
-
-    What waits for the same file is written once, by the newest request.
-    """
+    """Writes files in turn; what waits for one file is written once, by the newest request."""
 
     def __init__(self) -> None:
         #: By name of a file, why its last write failed; empty when it did not.

@@ -149,11 +149,7 @@ class NodeFolder:
         return _LIST.load(_List, self.directory / 'active.json') or _List()
 
     def activate(self, history: Sequence[HistoryEntry], given: str = '') -> None:
-        """
-        Remember models that were live, newest last; paths in the folder stay relative.
-
-        ``given`` is the SHA-256 of the model that the operator gave at the last start.
-        """
+        """Remember models that were live, newest last; ``given`` is as in ``_List``."""
         base, entries = self.directory.resolve(), []
         for entry in history[-MAX_HISTORY:]:
             path = entry.path and entry.path.resolve()

@@ -156,11 +156,10 @@ class Output:
         promises_other = ending in _PROMISING.split() and ending not in self.endings.split()
         # Two paths may lead to one file, spelt differently or by links.
         same = [
-            one
-            for one in others
+            one for one in others
             if os.path.realpath(one) == os.path.realpath(path)
             or (path.exists() and one.exists() and path.samefile(one))
-        ]
+        ]  # fmt: skip
         if same:
             reason = f'it is the same file as {same[0]}'
         elif path.is_dir():
@@ -309,13 +308,8 @@ def from_plain(kind: Any, value: Any, where: str = '', *, whole: bool = False) -
 
     Numbers are finite; a single one may be null, which is NaN, and entries of a record that have
     a default may be absent. Not so where it is ``whole``: then only a default of None counts.
-
-    Raises
-    ------
-    ValueError
-        When a value has another type, an entry of a record is missing or unknown, or a record
-        refuses its values; names the place.
-
+    ValueError, which names the place, when a value has another type, an entry of a record is
+    missing or unknown, or a record refuses its values.
     """
     origin, arguments, inner = get_origin(kind), get_args(kind), partial(from_plain, whole=whole)
     place = where.strip('/') or 'the top level'

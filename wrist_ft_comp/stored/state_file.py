@@ -27,8 +27,6 @@ KIND = Kind(
 _LARGEST = 1e100
 #: Longest cell, ns, and most cells of a block of the history: a file must not take all memory.
 _LONGEST_PERIOD_NS, _MOST_CELLS = 600 * NANOSECONDS, 1000
-#: A tare that is not known.
-_ZERO = [0.0] * len(AXES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +52,9 @@ class SavedState:
 
 
 def save_state(path: Path, state: SavedState) -> None:
-    """
-    Write a state file, and its folder; an existing one is replaced in one step.
-
-    What could not be read again, a number that is not finite or too large, is left out.
-    """
-    document = to_plain(state)
-    for name, nothing in (('thermal', None), ('tare', _ZERO), ('external_tare', _ZERO)):
+    """Write a state file, without numbers that could not be read again."""
+    document, no_tare = to_plain(state), [0.0] * len(AXES)
+    for name, nothing in (('thermal', None), ('tare', no_tare), ('external_tare', no_tare)):
         if not _readable(document[name]):
             document[name] = nothing
     KIND.save(path, document, indent=None)
