@@ -57,18 +57,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's options
-    model: Path,
-    paths: Sequence[Path],
-    topics: Topics | None = None,
-    wanted: Reference | None = None,
-    tare_s: float = 60.0,
-    progress: Progress = lambda _: None,
-) -> tuple[report_content.ReportContent, dict[str, object]]:
-    """
-    Judge a model file on recordings; the reference is that of the model by default.
-
-    Gives what its report shows, and the numbers for scripts.
-    """
+    model: Path, paths: Sequence[Path], topics: Topics | None = None,
+    wanted: Reference | None = None, tare_s: float = 60.0, progress: Progress = lambda _: None,
+) -> tuple[report_content.ReportContent, dict[str, object]]:  # fmt: skip
+    """Judge a model, by default with its own reference; give a report's content, and JSON."""
     stored, judged = load_model(model), list[report_content.EvaluatedRecording]()
     period_s, topics = stored.model.period_ns / NANOSECONDS, topics or stored.topics
     learnt: Learnt = {}

@@ -73,24 +73,20 @@ def run(arguments: argparse.Namespace) -> int:
 
             operator.node.create_timer(0.5, show)
             answer = watch.ask(action)
-    if arguments.json:
-        terminal.print_json({'node': name, 'action': action, 'answer': answer})
-    else:
-        print(answer)
+    document = {'node': name, 'action': action, 'answer': answer}
+    terminal.print_result([answer], document, as_json=arguments.json)
     return 0
 
 
 def _show(watch: 'Watch', arguments: argparse.Namespace) -> int:
     """Print the status once, or in a terminal again and again; 1 when anything is not ok."""
-    if arguments.json:
+    if arguments.json or arguments.once or not sys.stdout.isatty():
         statuses = {
             key: {'level': _LEVELS[part.level].lower(), 'message': part.message, **part.values}
             for key, part in watch.statuses.items()
         }
-        head = {'node': watch.name, 'hardware_id': watch.hardware_id}
-        terminal.print_json({**head, 'statuses': statuses})
-    elif arguments.once or not sys.stdout.isatty():
-        terminal.print_words(status_page(watch))
+        document = {'node': watch.name, 'hardware_id': watch.hardware_id, 'statuses': statuses}
+        terminal.print_result(status_page(watch), document, as_json=arguments.json)
     else:
         with suppress(KeyboardInterrupt), Live(auto_refresh=False) as live:
             while True:

@@ -32,11 +32,7 @@ def write_report(
     path: Path | str, stored: StoredModel, calibration: Calibration,
     recordings: Sequence[Recording],
 ) -> None:  # fmt: skip
-    """
-    Write the report of a calibration that ``save_model`` has saved, with its recordings.
-
-    It replaces a report of this package only; OutputError where another file is there.
-    """
+    """Write the report of a calibration that was saved; OutputError over what is no report."""
     content = report_content.calibration_content(calibration, recordings, stored)
     REPORT.write(Path(path), page(content))
 

@@ -1,8 +1,4 @@
-"""
-All pictures: SVG of a report, which takes its text's colour and font from the page, and PNG.
-
-Without compensation is dashed, with it is solid: colour is never needed.
-"""
+"""All pictures, SVG and PNG: dashed without compensation, so that colour is never needed."""
 
 from collections.abc import Sequence
 from html import escape

@@ -193,12 +193,7 @@ def evaluation_content(
     stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float,
     paths: Sequence[Path] = (), topics: Topics | None = None,
 ) -> ReportContent:  # fmt: skip
-    """
-    Fill a report's content from an evaluation.
-
-    ``paths`` are where its recordings lie, ``topics`` those that a node has to hear for this model
-    (by default the model's own).
-    """
+    """Fill one from an evaluation; ``topics`` (of the model by default) are what its node hears."""
     recordings = [judged.recording for judged in evaluated]
     coverage, period_s = advices.cover(recordings), averaged_s(stored.model)
     # Means of cells: their middles and errors, all recordings together.

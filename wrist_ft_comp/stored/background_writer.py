@@ -23,16 +23,12 @@ class FileWriter:
     def put(
         self, name: str, write: Callable[[], None], then: Callable[[str], None] | None = None
     ) -> None:
-        """
-        Have a file written; return at once. ``poll`` tells ``then`` why that failed, or ''.
-
-        What comes after the end is written at once, unless the disk does not answer.
-        """
+        """Have a file written; return at once. ``poll`` tells ``then`` why that failed, or ''."""
         with self._changed:
             _, callers = self._waiting.pop(name, (None, []))
             self._waiting[name] = write, [*callers, then] if then else callers
             self._changed.notify()
-        if self._ended and not self._thread.is_alive():
+        if self._ended and not self._thread.is_alive():  # else the disk does not answer
             self._run()
             self.poll()
         elif self._thread.ident is None:

@@ -122,11 +122,7 @@ class _Model:
 
 
 def load_model(path: Path | str) -> StoredModel:
-    """
-    Read a model file.
-
-    ModelFileError when it is missing, not YAML, of another version, or holds what no model holds.
-    """
+    """Read a model file; ModelFileError when it is missing, of another version, or damaged."""
     path = Path(path)
     content = KIND.read(path)
     document = KIND.document(path, content)

@@ -197,12 +197,7 @@ class NodeFolder:
 
 
 def node_directory(shared: str, node_name: str = '') -> Path:
-    """
-    Choose the folder of a node; SettingsError without a home for ``~``.
-
-    It is the one that a person named, or else that of the node's full name below ROS_HOME or
-    ``~/.ros``.
-    """
+    """Choose a node's folder: as named, or below ROS_HOME; SettingsError without a home."""
     if not shared:
         home = _expanded(os.environ.get('ROS_HOME') or '~/.ros')
         return home / 'wrist_ft_comp' / node_name.strip('/').replace('/', '__')

@@ -1,8 +1,4 @@
-"""
-The learnt payloads, by name, in one JSON file beside the models.
-
-A name is never given to another payload: a program may have set it as ``payload.active``.
-"""
+"""The learnt payloads, in a file beside the models; no name is ever given to another one."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
