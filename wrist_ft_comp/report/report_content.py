@@ -193,26 +193,25 @@ def evaluation_content(
     stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float,
     paths: Sequence[Path] = (), topics: Topics | None = None,
 ) -> ReportContent:  # fmt: skip
-    """Fill one from an evaluation; ``topics`` (of the model by default) are what its node hears."""
+    """Fill one from an evaluation; its node hears ``topics``, by default those of the model."""
     recordings = [judged.recording for judged in evaluated]
     coverage, period_s = advices.cover(recordings), averaged_s(stored.model)
     # Means of cells: their middles and errors, all recordings together.
     number = np.repeat(np.arange(len(evaluated)), [len(e.errors.after) for e in evaluated])
     over = averaged_cells(recordings[0].period_s)
-    cells: list[FloatArray] = [np.arange(len(one), dtype=np.float64) for one in recordings]
-    cell = np.concatenate([mean_over(numbers, over) for numbers in cells])
+    cell = np.concatenate([mean_over(np.arange(len(r), dtype=float), over) for r in recordings])
     # How far a thermometer moved within a recording, at most.
     moved_k = max(np.ptp(mean_over(r.temperature_c, over), axis=0).max() for r in recordings)
-    before, after = map(np.concatenate, zip(*(e.errors for e in evaluated), strict=True))
+    both = np.concatenate([np.stack(judged.errors, axis=2) for judged in evaluated])
     axes: list[AxisView] = []
     beyond: dict[str, str] = {}
     loose: list[str] = []
     for axis, errors in judge_errors([judged.errors for judged in evaluated]).items():
-        unit, column = axis_unit(axis), AXES.index(axis)
-        both = np.stack((before[:, column], after[:, column]), axis=1)
-        rows, limit = np.isfinite(both).all(axis=1), stored.model.day_limits.get(axis, np.nan)
+        unit, limit = axis_unit(axis), stored.model.day_limits.get(axis, np.nan)
+        left = both[:, AXES.index(axis)]
+        rows = np.isfinite(left).all(axis=1)
         # Recordings that the model has not seen are folds that were held out.
-        held_out = HeldOut(number[rows], number[rows], cell[rows], both[rows], period_s, True)
+        held_out = HeldOut(number[rows], number[rows], cell[rows], left[rows], period_s, True)
         series, by_fold = _series(recordings, held_out), rms_by_fold(held_out)
         names = [recordings[n].name for n in np.unique(held_out.fold)]
         parts = list(zip(names, *by_fold, strict=True))
