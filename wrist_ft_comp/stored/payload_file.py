@@ -1,7 +1,7 @@
 """The learnt payloads, in a file beside the models; no name is ever given to another one."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 import re
 from typing import Literal
@@ -57,6 +57,11 @@ class _Entry(ForceFrame):
         center_m, error_kg = self.center_of_mass_m, self.mass_error_kg
         return Payload(self.mass_kg, center_m, error_kg, errors_m, self.share)
 
+    def frame(self) -> ForceFrame:
+        return ForceFrame(
+            **{entry.name: getattr(self, entry.name) for entry in fields(ForceFrame)}
+        )
+
 
 @dataclass(frozen=True)
 class _Payloads:
@@ -67,7 +72,7 @@ class _Payloads:
 def load_payloads(path: Path) -> Learnt:
     """Read a file of payloads; none where there is no file. ModelFileError when it is broken."""
     entries = KIND.load(_Payloads, path) or _Payloads({})
-    return {name: (entry.payload(), entry) for name, entry in entries.payloads.items()}
+    return {name: (entry.payload(), entry.frame()) for name, entry in entries.payloads.items()}
 
 
 def add_payloads(
