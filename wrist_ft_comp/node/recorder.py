@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 import math
+import os
 from pathlib import Path
 import time
 from typing import Any, cast
@@ -20,6 +21,7 @@ from wrist_ft_comp.channels import (
     temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.learning.day_files import span_of
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
 from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.services import service, warned, Work
@@ -108,6 +110,19 @@ class Recorder(Part):
         self.path, self._reference = Path(), cast('Any', None)
         #: Why the last one ended early; empty when it did not.
         self.failure = ''
+        #: When the node was killed meanwhile, in words for an answer.
+        self._since = ''
+
+    def start(self) -> None:
+        """Go on with a recording that was cut off when the node was killed."""
+        if (path := self._store.cut_off_recording()) is not None:
+            try:
+                answer = self.begin(path)
+            except RecordingError as error:
+                self.failure = f'{path} was cut off when the node was killed: {error}'
+            else:
+                self._since = ' since the node was started again'
+                self.hub.log.warning(f'the node was killed while it recorded; now {answer}')
 
     def doubt(self) -> str:
         """Say what a recording lacks that it needs, or had before, for LACKING_S; else empty."""
@@ -220,11 +235,11 @@ class Recorder(Part):
             )
         elif never := self._unheard(recording):
             lacks = f'{", ".join(never)} reported in no cell of these stamps'
-        said = f'recorded {rows} thermal cells ({rows * self.period_s:.0f} s) into {self.path}'
-        return warned(said, lacks)
+        length = f'{rows} thermal cells ({rows * self.period_s:.0f} s)'
+        return warned(f'recorded {length}{self._since} into {self.path}', lacks)
 
-    def begin(self) -> str:
-        """Start the recording of ``~/record``; say where to."""
+    def begin(self, cut_off: Path | None = None) -> str:
+        """Start the recording of ``~/record``, or go on with one; say where to."""
         if self.current is not None:
             raise RecordingError(
                 f'A recording runs already, into {self.path}. End it first, with data: false.'
@@ -235,14 +250,22 @@ class Recorder(Part):
         reference = self.hub.subscribe(WrenchStamped, 'wrench_reference', take, FAST_SENSOR)
         try:
             with writing(self._store.directory):
-                path = self._store.new_recording_path()
-                columns = *self.channels, origin_column(self.sensor())
-                writer = CsvRecordingWriter(path, columns)
+                columns = [*self.channels, origin_column(self.sensor())]
+                span = None if cut_off is None else span_of(cut_off)
+                same = f'{CsvRecordingWriter.stamp},{",".join(self.channels)},'
+                if cut_off is not None and span is not None and span.header.startswith(same):
+                    path = cut_off
+                    os.truncate(path, span.size)  # to its last whole row
+                    writer = CsvRecordingWriter(path, columns, go_on=True)
+                else:
+                    path = self._store.new_recording_path()
+                    writer = CsvRecordingWriter(path, columns)
         except RecordingError as error:
             self.hub.destroy_subscription(reference)
             remedy = 'Make room or choose another data_directory.'
             raise RecordingError(f'{error} {remedy}') from error
-        self._reference, self.path, self.failure = reference, path, ''
+        self._reference, self.path, self.failure, self._since = reference, path, '', ''
+        self._store.mark_recording(path)
         self.current = self.begin_recording(writer)
         return f'recording into {path}'
 
@@ -252,6 +275,7 @@ class Recorder(Part):
         if recording is not None:
             self.hub.destroy_subscription(self._reference)
             self.finish(recording)
+            self._store.mark_recording(None)
             self._writer.put(str(self.path), recording.writer.close, then)
 
     def _ended(self, problem: str, rows: int) -> str:

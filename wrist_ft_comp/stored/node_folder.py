@@ -101,6 +101,27 @@ class NodeFolder:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
+    @property
+    def _unfinished(self) -> Path:
+        """The file that names the recording that runs; after a kill it is still there."""
+        return self.directory / 'recordings' / 'unfinished'
+
+    def cut_off_recording(self) -> Path | None:
+        """Find the recording that ran when the last node of this folder was killed."""
+        with suppress(OSError, ValueError):
+            name = self._unfinished.read_text(encoding='utf-8')
+            if (path := self._unfinished.with_name(name)) in self.recordings():
+                return path
+        return None
+
+    def mark_recording(self, path: Path | None) -> None:
+        """Note which recording runs, or that none does; a disk that refuses keeps none back."""
+        with suppress(OSError):
+            if path is None:
+                self._unfinished.unlink()
+            else:
+                self._unfinished.write_text(path.name, encoding='utf-8')
+
     def recordings(self) -> list[Path]:
         """List the newest of the node's own recordings, oldest first."""
         return sorted((self.directory / 'recordings').glob('*.csv'))[-MAX_RECORDINGS:]

@@ -1,6 +1,7 @@
 """The node's own recordings: rows, refusals, and what is said of cells that lack something."""
 
 import math
+import shutil
 from types import SimpleNamespace
 
 from moments import SECOND, START
@@ -95,6 +96,26 @@ def test_a_thermometer_of_another_clock_is_missing_in_the_recording(rig):
     assert (found.level, 'without thermometer 2' in found.message) == (b'\1', True), found.message
     answer = node.call('record', False)
     assert 'warning: thermometer 2 reported in no cell' in answer.message
+
+
+def test_a_recording_goes_on_in_its_file_after_a_kill(rig, tmp_path):
+    node = rig()
+    path = start_recording(node)
+    feed(node, 5)
+    killed = shutil.copytree(node.directory, tmp_path / 'killed')
+    node.call('record', False)
+    path = killed / 'recordings' / path.name
+    with path.open('a') as file:
+        file.write('1700')  # of a row
+    again = rig(directory=killed)
+    assert again.diagnosis('calibration').message == 'recording'
+    feed(again, 5, first=20)
+    answer = again.call('record', False).message
+    assert f'4 thermal cells (4 s) since the node was started again into {path}' in answer
+    stamps_ns = np.genfromtxt(path, delimiter=',', names=True)['stamp_ns']
+    assert ((stamps_ns - START) // SECOND).tolist() == [0, 1, 2, 3, 20, 21, 22, 23]
+    assert 'No recording runs' in again.refusal('record', False)
+    assert not list(path.parent.glob('unf*'))
 
 
 def test_starting_twice_and_ending_twice_are_refused(rig):
