@@ -45,16 +45,20 @@ def test_the_frames_may_lie_on_two_branches():
     assert gravity.root() == 'map'
 
 
+@pytest.mark.parametrize('parent', ['tool', 'flange'])
 @pytest.mark.parametrize(('gap', 'turned'), [(0.1, 0.0), (5.0, 4.0)])
-def test_what_turned_unseen_is_known(gap, turned):
-    gravity = GravityByTf('world', 'tool')
-    send(gravity, 'world', 'tool', [1.0, 1.0 + gap], turning([1.0, 1.0 + gap]))
-    ask(gravity, 1.0, 1.0 + gap)
-    seen = min(turned, 2 * np.pi - turned)
-    assert gravity.turned_unseen_rad == pytest.approx(seen)
-    for angle in (0.0, 0.0, 0.3):
-        send(gravity, 'tool', 'ft', 0, Rotation.from_euler('x', angle), static=True)
-    assert gravity.turned_unseen_rad == pytest.approx(max(seen, 0.3))
+def test_what_turned_unseen_is_known(gap, turned, parent):
+    gravity, seen = GravityByTf('world', 'ft'), min(turned, 2 * np.pi - turned)
+    for child in ('ft', 'flange'):
+        send(gravity, 'tool', child, 0, Rotation.identity(), static=True)
+    for second in (1.0, 1.0 + gap):
+        send(gravity, 'world', 'tool', [second, second + 0.02], turning([second, second + 0.02]))
+        ask(gravity, second, second + 0.02)
+    assert gravity.turned_unseen_rad == pytest.approx(seen, abs=0.05)
+    send(gravity, parent, 'ft', 0, Rotation.from_euler('x', 1.0), static=True)
+    send(gravity, 'world', 'tool', [1.04 + gap], turning([1.04 + gap]))
+    ask(gravity, 1.04 + gap)
+    assert gravity.turned_unseen_rad == pytest.approx(max(seen, 1.0), abs=0.05)
 
 
 @pytest.mark.parametrize('gap', [0.5, 0.52])

@@ -115,6 +115,13 @@ def _matrices(quaternions: FloatArray) -> FloatArray:
     return np.array(rows).transpose(2, 0, 1)
 
 
+def _angle(change: FloatArray) -> FloatArray:
+    """Compute the angles of turns, rad, (n,), from what rotations changed by, (n, 3, 3)."""
+    # Of a turn by θ, |R' - R| = √8 sin θ/2.
+    sine = np.linalg.norm(change, axis=(1, 2)) / np.sqrt(8)
+    return np.asarray(2 * np.arcsin(np.minimum(sine, 1)))
+
+
 class _Link:
     """The transforms of one frame to its parent; of static ones the newest holds for ever."""
 
@@ -183,8 +190,10 @@ class GravityByTf:
         self._others: set[str] = set()
         #: Last time with a known rotation, and that rotation.
         self._last: tuple[IntArray, FloatArray] = np.empty(0, np.int64), np.empty((0, 3, 3))
-        #: By how much the lower frame turned while transforms were away, or a static one when it
-        #: came again, rad.
+        #: Whether a static transform has come since that time.
+        self._static_came = False
+        #: By how much the lower frame turned while transforms were away, or by a static one that
+        #: came again, also with another parent, rad.
         self.turned_unseen_rad = 0.0
 
     def add(self, transforms: Transforms, *, static: bool) -> None:
@@ -197,11 +206,8 @@ class GravityByTf:
             return
         if link is None or (link.parent, link.static) != (parent, static):
             link = self._links[child] = _Link(parent, static=static)
-        elif static:
-            ends = link.at(transforms.stamps_ns[:1]), _matrices(transforms.quaternions[-1:])
-            angle = 2 * np.arcsin(min(np.linalg.norm(ends[1] - ends[0]) / np.sqrt(8), 1.0))
-            self.turned_unseen_rad = max(self.turned_unseen_rad, float(angle))
         link.add(transforms.stamps_ns, transforms.quaternions)
+        self._static_came |= static
 
     def needed(self, frames: Sequence[tuple[str, str]], *, static: bool) -> list[int]:
         """
@@ -272,12 +278,14 @@ class GravityByTf:
         """
         rotations = self.rotations(times_ns)
         linked = np.isfinite(rotations[:, 0, 0])
+        if self._static_came and linked.any() and len(self._last[0]):
+            by = _angle(self.rotations(self._last[0]) - self._last[1])
+            self.turned_unseen_rad = max(self.turned_unseen_rad, *np.nan_to_num(by).tolist())
+        self._static_came &= not linked.any()
         at = np.concatenate((self._last[0], times_ns[linked]))
         turned = np.concatenate((self._last[1], rotations[linked]))
         self._last = at[-1:], turned[-1:]
-        # Of a turn by θ, |R' - R| = √8 sin θ/2.
-        change = np.linalg.norm(np.diff(turned, axis=0), axis=(1, 2)) / np.sqrt(8)
-        angle, steps_ns = 2 * np.arcsin(np.minimum(change, 1)), np.diff(at).astype(float)
+        angle, steps_ns = _angle(np.diff(turned, axis=0)), np.diff(at).astype(float)
         if (is_away := steps_ns > _PATIENCE_NS).any():
             self.turned_unseen_rad = float(angle[is_away][-1])
         steps_ns[(steps_ns <= 0) | (steps_ns > GAP_NS)] = np.nan

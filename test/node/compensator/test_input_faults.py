@@ -188,25 +188,28 @@ def test_a_silent_sensor_may_have_another_zero(fake_hub, monkeypatch, stamped_s,
 
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize(
-    ('at_tare', 'stamps_s', 'simulated', 'said'),
+    ('at_tare', 'times_s', 'said'),
     [
-        (RAW, (0, 1), False, ''),
-        (RAW * [1, 1, 1, 0, 0, 0], (0, 1), False, 'torque_x, torque_y, '),
-        (RAW * [1, 1, 1, math.nan, 1, 1], (0, 1), False, 'torque_x read nothing, or 0,'),
-        (RAW, (1_700_000_000, 2), False, 'stamps of the wrench began anew: if the sensor was off'),
-        (RAW, (5000, 2), True, ''), (RAW, (5000, 4990), False, ''),
+        (RAW, (0, 1, 2), ''),
+        (RAW * [1, 1, 1, 0, 0, 0], (0, 1, 2), 'torque_x, torque_y, '),
+        (RAW * [1, 1, 1, math.nan, 1, 1], (0, 1, 2), 'torque_x read nothing, or 0,'),
+        (RAW, (1_700_000_000, 2, 2), 'stamps of the wrench began anew: if the sensor was off'),
+        (RAW, (5000, 2, None), ''), (RAW, (5000, 4990, 2), ''), (RAW, (4295, 0, 0.1), ''),
     ],
-    ids=['well', 'zeros', 'nothing', 'switched on', 'simulated', 'clock set'],
+    ids=['well', 'zeros', 'nothing', 'switched on', 'simulated', 'clock set', 'full'],
 )  # fmt: skip
 def test_what_begins_after_a_tare_is_not_zeroed_by_it(
-    fake_hub, at_tare, stamps_s, simulated, said
+    fake_hub, monkeypatch, at_tare, times_s, said
 ):
-    counts, stream = Counts(), Compensator(1)
+    """Two stamps and a pause: what begins anew without one is a counter that is full."""
+    (*stamps_s, pause_s), clock, counts, stream = times_s, [0.0], Counts(), Compensator(1)
+    monkeypatch.setattr(raw_wrench, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
     part = WrenchInput(counts, stream)
     fake_hub(part)
-    part.hub.values['use_sim_time'] = simulated
+    part.hub.values['use_sim_time'] = pause_s is None
     stream.set_tare(at_tare, stamps_s[0] * SECOND)
     for stamp_ns in (stamp_s * SECOND for stamp_s in stamps_s):
+        clock[0] += pause_s or 2.0
         data = serialize_message(wrench_message(stamp_ns, 'tool0', RAW))
         counts.newest, counts.wrenches = (stamp_ns, RAW.tolist(), data), counts.wrenches + 1
         part.poll()
@@ -225,7 +228,7 @@ def test_a_sensor_that_sent_nothing_sound_may_have_begun_anew(  # noqa: PLR0913,
     monkeypatch.setattr(raw_wrench, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
     part = WrenchInput(counts, stream)
     fake_hub(part)
-    part.hub.values['use_sim_time'] = simulated
+    part.hub.values['use_sim_time'] = bool(simulated)
     stream.set_tare(RAW, START)
     for k, at_s in enumerate(np.arange(10.0, 20.0, 0.1)):
         clock[0], stamp = float(at_s), START + k * SECOND // 10
