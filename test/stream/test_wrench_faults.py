@@ -78,9 +78,10 @@ def test_pulses_of_the_same_reading_are_found_by_their_share(whole, looks, share
     [
         (20.0, 0.0, 0.0, 0.1, 1), (0.8, 0.0, 0.0, 0.05, 1), (0.2, 0.0, 0.0, 0.1, 0),
         (20.0, 3.0, 0.0, 0.1, 0), (20.0, 0.0, 1.0, 0.1, 0), (20.0, 0.0, 0.0, 0.0, 0),
+        (20.0, 0.0, 0.0, 0.8, 1),
     ],
     ids=['zeroed', 'by less than 1 N', 'a load is let go', 'another load', 'in motion',
-         'zeros of a broken sensor'],
+         'zeros of a broken sensor', 'of a noisy sensor'],
 )  # fmt: skip
 def test_a_sensor_that_is_zeroed_by_its_driver_is_found_once(free_n, now_n, moves, noise, found):
     rng, scale = np.random.default_rng(0), np.array([1.0] * 3 + [0.1] * 3)

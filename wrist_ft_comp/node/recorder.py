@@ -37,6 +37,8 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.
 LACKING_S = 60.0
+#: Rows that are farther apart, ns, are of a clock that was set: a computer began in 1970.
+_OTHER_CLOCK_NS = 86_400 * NANOSECONDS
 #: The answer of ~/record warns where more than this share of the rows holds no wrench.
 _LACKING_SHARE = 0.1
 
@@ -50,7 +52,11 @@ class OwnRecording:
     writer: Any
     #: Where the disk has refused, nothing is written for this time, s.
     pause_s: float = math.inf
+    #: Ends a writer and gives another, for rows of another clock.
+    renew: Callable[[Any], Any] | None = None
     rows: int = 0
+    #: Stamp of the newest row, ns.
+    last_ns: int | None = None
     #: Why the disk refused the newest row that was to be written; None while all is well.
     error: RecordingError | None = None
     #: When the newest row came, and when rows are written again, by the steady clock.
@@ -66,7 +72,11 @@ class OwnRecording:
             self.came_s = time.monotonic()
             if self.came_s < self.goes_on_s:
                 return
+            is_far = abs(stamp_ns - (self.last_ns or stamp_ns)) > _OTHER_CLOCK_NS
+            self.last_ns = stamp_ns
             try:
+                if is_far and self.renew is not None:
+                    self.writer = self.renew(self.writer)
                 self.writer.append(stamp_ns, values)
             except RecordingError as error:
                 self.error, self.goes_on_s = error, self.came_s + self.pause_s
@@ -110,7 +120,7 @@ class Recorder(Part):
         self.path, self._reference = Path(), cast('Any', None)
         #: Why the last one ended early; empty when it did not.
         self.failure = ''
-        #: When the node was killed meanwhile, in words for an answer.
+        #: Since when, in words for an answer: since the node was killed, or a clock was set.
         self._since = ''
 
     def start(self) -> None:
@@ -250,7 +260,7 @@ class Recorder(Part):
         reference = self.hub.subscribe(WrenchStamped, 'wrench_reference', take, FAST_SENSOR)
         try:
             with writing(self._store.directory):
-                columns = [*self.channels, origin_column(self.sensor())]
+                columns = self._columns()
                 span = None if cut_off is None else span_of(cut_off)
                 same = f'{CsvRecordingWriter.stamp},{",".join(self.channels)},'
                 if cut_off is not None and span is not None and span.header.startswith(same):
@@ -267,7 +277,20 @@ class Recorder(Part):
         self._reference, self.path, self.failure, self._since = reference, path, '', ''
         self._store.mark_recording(path)
         self.current = self.begin_recording(writer)
+        self.current.renew = self._renew
         return f'recording into {path}'
+
+    def _columns(self) -> tuple[str, ...]:
+        return *self.channels, origin_column(self.sensor())
+
+    def _renew(self, writer: CsvRecordingWriter) -> CsvRecordingWriter:
+        """Go on in another file, because a clock was set."""
+        self._writer.put(str(self.path), writer.close)
+        self._since = f' since a clock was set (what came before is in {self.path})'
+        with writing(self._store.directory):
+            self.path = self._store.new_recording_path()
+            self._store.mark_recording(self.path)
+            return CsvRecordingWriter(self.path, self._columns())
 
     def _close(self, then: Callable[[str], None] | None = None) -> None:
         """End the recording of ``~/record``; ``then`` gets why its file could not be closed."""

@@ -94,8 +94,10 @@ class TareCollector:
             raise TareRefusedError(
                 'Taring needs finite wrenches; got NaN or infinity. Check the sensor.'
             )
-        parts = [part.mean(axis=0) for part in np.array_split(wrenches, _PARTS)]
-        deviation = np.nan_to_num(np.max(np.abs(np.stack(parts) - mean), axis=0))
+        # Every other one, too: two sensors may come by turns.
+        parts = *np.array_split(wrenches, _PARTS), wrenches[::2], wrenches[1::2]
+        means = np.stack([part.mean(axis=0) for part in parts])
+        deviation = np.nan_to_num(np.max(np.abs(means - mean), axis=0))
         worst = int(np.argmax(deviation / self._limits))
         if deviation[worst] > self._limits[worst]:
             unit = axis_unit(AXES[worst])

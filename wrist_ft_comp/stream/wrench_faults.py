@@ -127,8 +127,12 @@ class SensorWatch:
         off = np.where(np.isnan(deviation), axis_limits(_UNKNOWN_N), off)
         parts = np.array(self._lately).reshape(2, _RUN_LOOKS, len(AXES))
         (before, now), scatter = parts.mean(axis=1), parts.std(axis=1)
+        # The noise of some sensors is larger than what others scatter in motion.
+        noise = np.median(np.abs(np.diff(parts, axis=1)), axis=1)  # as large as its deviation
+        off = np.maximum(off, _CERTAIN * noise.max(axis=0) / math.sqrt(_RUN_LOOKS))
+        rests = scatter < np.maximum(axis_limits(_REST_N), 2 * noise)
         # Zeros to the last bit are those of a broken sensor.
-        at_rest = (scatter < axis_limits(_REST_N)).all() and scatter[1].any()
+        at_rest = rests.all() and scatter[1].any()
         jumped = (np.abs(before - now) > off).any() and (np.abs(free) > 2 * off).any()
         is_zero = bool((np.abs(now) < off).all())
         if is_zero and (np.abs(before) < off).all():

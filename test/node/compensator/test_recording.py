@@ -118,6 +118,19 @@ def test_a_recording_goes_on_in_its_file_after_a_kill(rig, tmp_path):
     assert not list(path.parent.glob('unf*'))
 
 
+def test_a_clock_that_is_set_from_1970_to_today_begins_another_file(rig):
+    node = rig()
+    path = start_recording(node)
+    for begin_s in (100, 20_000 * 86_400):
+        for second in range(begin_s, begin_s + 8):
+            node.put(second * SECOND, [1.0] * 6)
+            node.put_temperature(second * SECOND, 25.0)
+    answer = node.call('record', False).message
+    assert f'since a clock was set (what came before is in {path})' in answer
+    first, second = (read_recording(p) for p in sorted(path.parent.glob('*.csv')))
+    assert (len(first), len(second)) == (8, 7)
+
+
 def test_starting_twice_and_ending_twice_are_refused(rig):
     node = rig()
     node.refusal('calibrate')
