@@ -71,6 +71,12 @@ class Column:
         return values if factor == 1.0 else values * factor
 
 
+def lacking_kinds(tables: Sequence[Mapping[str, object]]) -> list[str]:
+    """List the KINDS that tables with some channels lack; each of them needs its own stamps."""
+    lack = {kind: [part.keys().isdisjoint(KINDS[kind]) for part in tables] for kind in KINDS}
+    return [kind for kind, of in lack.items() if (any(of) if kind == STAMP else all(of))]
+
+
 def own_column(name: str) -> Column | None:
     """Tell what a column with one of our names is; None where it is none of ours."""
     if (unit := name.removeprefix('stamp_')) in TIME_UNITS_NS and unit != name:

@@ -128,9 +128,9 @@ class Proposal(NamedTuple):
             for ours, theirs in columns.items():
                 if theirs != OPEN or 'raw wrench' in lacking:
                     entries.append(f'{ours}={theirs}{own if ours == STAMP else ""}')
+        still_lacking = column_map.lacking_kinds([columns for columns, _ in found])
         for kind, channel in zip(KINDS, (STAMP, 'force_z', 'temperature_c'), strict=True):
-            has_kind = [not columns.keys().isdisjoint(KINDS[kind]) for columns, _ in found]
-            if kind in lacking and not (all(has_kind) if kind == STAMP else any(has_kind)):
+            if kind in lacking and kind in still_lacking:
                 entries.append(f'{channel}={OPEN}')
         return cls(','.join(entries), times.pop() if len(times) == 1 else '')
 
@@ -140,25 +140,19 @@ class Proposal(NamedTuple):
         """Say which KINDS of columns a table lacks, and how to say what they are."""
         expected = ' and '.join(_EXPECTED[kind] for kind in lacking)
         form = f' --time {shlex.quote(self.time)}' if self.time not in {'', 's'} else ''
+        how = how or f"such as --columns '{self.columns}'{form}."
         sentence = (
             f'{table} has no {" and no ".join(lacking)} column; expected {expected}, got '
-            f'{column_map.listed(names)}. Rename them, or say what they are, '
-            + (how or f"such as --columns '{self.columns}'{form}.")
+            f'{column_map.listed(names)}. Rename them, or say what they are, {how}'
         )
         if OPEN in self.columns:
             sentence += f' Put the name or the number of a column in the place of {OPEN}.'
         if f'force_z={OPEN}' in self.columns and len(names) > self.columns.count('='):
             sentence += f' Add other axes behind it, such as ,force_x={OPEN},torque_z={OPEN}.'
         if f'{STAMP}={OPEN}' in self.columns:
-            sentence += (
-                ' Where no column is a time, and rows come at a fixed rate, '
-                f'stamp={column_map.ROW_NUMBER}*0.01 is a hundred of them a second.'
-            )
+            sentence += ' Of rows at a fixed rate, stamp=#*0.01 is a hundred a second.'
         if f'temperature_c={OPEN}' in self.columns:
-            sentence += (
-                ' If the temperature is in another file with the same clock, join both: '
-                'force.csv+temperature.csv.'
-            )
+            sentence += ' If it is in another file of this clock, join both: force.csv+heat.csv.'
         return sentence
 
 

@@ -20,7 +20,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import PERIODS_S, Recording, Samples, Topics
 from wrist_ft_comp.recordings import column_map, column_proposal, read_options
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES, translated
-from wrist_ft_comp.recordings.column_map import KINDS, listed, place_columns, Placed
+from wrist_ft_comp.recordings.column_map import lacking_kinds, listed, place_columns, Placed
 from wrist_ft_comp.recordings.column_proposal import Proposal, propose
 from wrist_ft_comp.recordings.read_options import ReadOptions
 from wrist_ft_comp.recordings.sample_checks import grid_samples
@@ -143,8 +143,7 @@ class OpenTable:
         for table in tables:
             placed = place_columns((), '', table.name, table.header)
             # A map beside a recording of our own, such as a compensated copy, is of others.
-            is_ours = not any(placed.columns.keys().isdisjoint(kind) for kind in KINDS.values())
-            if not is_ours or options.source == '--columns':
+            if lacking_kinds([placed.columns]) or options.source == '--columns':
                 placed = place_columns(options.columns, options.time, table.name, table.header)
             self.columns.append(placed)
         for column in options.columns:
@@ -168,11 +167,9 @@ class OpenTable:
         already = f'{self.name} was compensated already. Name the raw recording.'
         self.compensated = '' if is_raw else already
 
-    def lacks(self, kinds: Sequence[str] = tuple(KINDS)) -> list[str]:
-        """List those of some KINDS that no column is of; each table needs its stamps."""
-        tables = [placed.columns.keys() for placed in self.columns]
-        lack = {kind: [columns.isdisjoint(KINDS[kind]) for columns in tables] for kind in kinds}
-        return [kind for kind, of in lack.items() if (any(of) if kind == STAMP else all(of))]
+    def lacks(self) -> list[str]:
+        """List the kinds of columns that it does not have."""
+        return lacking_kinds([placed.columns for placed in self.columns])
 
     def propose(self) -> Proposal:
         """Propose what the columns are that are not understood."""
@@ -182,7 +179,7 @@ class OpenTable:
 
     def require(self, *kinds: str) -> None:
         """Refuse a table without columns of some kinds, all by default, and propose a map."""
-        if lacking := self.lacks(kinds or tuple(KINDS)):
+        if lacking := [kind for kind in self.lacks() if not kinds or kind in kinds]:
             raise RecordingError(self.propose().refusal(self.name, self.names, lacking))
 
     def rows(self, progress: Progress | None = None) -> Iterator[Rows]:

@@ -82,8 +82,6 @@ _EPOCH_S, _EPOCH_RANGE, _SMALLER = 1e9, 9.2, ('s', 'ms', 'us', 'ns')
 #: When a log was probably written: from 2010 to 2040, days since 1970.
 LIKELY_DAYS = 14_610, 25_567
 DAY_NS = 86_400 * NANOSECONDS
-#: A double holds every nanosecond of times up to 13 days.
-_EXACT_NS = 2**50
 
 
 @dataclass(frozen=True)
@@ -332,13 +330,7 @@ def exact_ns(cells: Any, form: str) -> IntArray:
     if unit_ns := TIME_UNITS_NS.get(form):
         if '_' in together:
             raise ValueError('1_000 is no number of a table')
-        stamps = np.array(texts, float) * unit_ns
-        largest_ns = np.abs(stamps).max(initial=0.0)
-        if not largest_ns <= np.iinfo(np.int64).max:
-            raise ValueError('a stamp is missing, or is beyond what 64 bits of nanoseconds hold')
-        if largest_ns > _EXACT_NS:
-            return np.array([round(Decimal(text) * unit_ns) for text in texts], np.int64)
-        return np.asarray(np.rint(stamps).astype(np.int64))
+        return np.array([round(Decimal(text) * unit_ns) for text in texts], np.int64)
     import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
     texts = [text.strip().removesuffix(' UTC') for text in texts]

@@ -24,19 +24,17 @@ from numpy.typing import NDArray
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 
-#: Doubles of a wrench: force and torque.
-WRENCH_DOUBLES = 6
-#: Doubles of a temperature: itself and its variance.
-TEMPERATURE_DOUBLES = 2
-#: Doubles of an IMU: orientation, rotation and acceleration, all with a covariance.
-IMU_DOUBLES = 37
-#: Where rotation and acceleration are among them.
+#: Doubles of a wrench, force and torque, and of an IMU: orientation, rotation and acceleration,
+#: all with a covariance.
+WRENCH_DOUBLES, IMU_DOUBLES = 6, 37
+#: Where rotation and acceleration are among those of an IMU.
 ROTATION, ACCELERATION = slice(13, 16), slice(25, 28)
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 TEMPERATURE = 'sensor_msgs/msg/Temperature'
 IMU = 'sensor_msgs/msg/Imu'
 TF = 'tf2_msgs/msg/TFMessage'
-DOUBLES = {WRENCH: WRENCH_DOUBLES, TEMPERATURE: TEMPERATURE_DOUBLES, IMU: IMU_DOUBLES}
+#: By type; a temperature has itself and its variance.
+DOUBLES = {WRENCH: WRENCH_DOUBLES, TEMPERATURE: 2, IMU: IMU_DOUBLES}
 #: Byte at which frame_id begins.
 _FRAME = 16
 #: A frame name longer than this is not a frame name.
@@ -84,18 +82,23 @@ def locate(data: bytes, count: int) -> Layout:
     return _layout(len(data), data[:2], data[12:_FRAME], count)
 
 
+def byte_order(data: bytes) -> str:
+    """Tell a message's byte order as struct writes it, < or >; RecordingError if it is none."""
+    if data[:2] not in {b'\0\0', b'\0\1'}:
+        raise RecordingError(
+            'Expected CDR encapsulation 00 00 or 00 01 at the start of the message; '
+            f'got {data[:2].hex(" ") or "nothing"}.'
+        )
+    return '<' if data[1] else '>'
+
+
 @lru_cache(_MAX_LAYOUTS)
 def _layout(size: int, encapsulation: bytes, frame_length: bytes, count: int) -> Layout:
     if size < _FRAME:
         raise RecordingError(
             f'Expected a CDR message with a header and {count} doubles; got {size} bytes.'
         )
-    if encapsulation not in {b'\0\0', b'\0\1'}:
-        raise RecordingError(
-            'Expected CDR encapsulation 00 00 or 00 01 at the start of the message; '
-            f'got {encapsulation.hex(" ")}.'
-        )
-    order = '<' if encapsulation[1] else '>'
+    order = byte_order(encapsulation)
     (frame_bytes,) = struct.unpack(f'{order}I', frame_length)
     if frame_bytes > min(size - _FRAME, _MAX_FRAME_BYTES):
         raise RecordingError(
@@ -108,14 +111,11 @@ def _layout(size: int, encapsulation: bytes, frame_length: bytes, count: int) ->
             f'Expected {offset + 8 * count} bytes for a message with a header and {count} '
             f'doubles; got {size}.'
         )
-    record = np.dtype(
-        {
-            'names': ['encapsulation', 'seconds', 'nanoseconds', 'frame_bytes', 'doubles'],
-            'formats': ['u2', f'{order}i4', f'{order}u4', f'{order}u4', f'({count},){order}f8'],
-            'offsets': [0, 4, 8, 12, offset],
-            'itemsize': size,
-        }
-    )
+    record = np.dtype({
+        'names': ['encapsulation', 'seconds', 'nanoseconds', 'frame_bytes', 'doubles'],
+        'formats': ['u2', f'{order}i4', f'{order}u4', f'{order}u4', f'({count},){order}f8'],
+        'offsets': [0, 4, 8, 12, offset], 'itemsize': size,
+    })  # fmt: skip
     doubles = struct.Struct(f'{order}{count}d')
     numbers = struct.Struct(f'{order}4xiI{offset - 12}x{count}d')
     return Layout(_FRAME + frame_bytes, offset, doubles, numbers, record)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.wire.cdr import byte_order
 
 #: What a field is, and how often: once (None), a fixed number of times, or SEQUENCE.
 FieldType = tuple[str, int | None]
@@ -66,11 +67,7 @@ def message_class(topic: str, kind: str) -> Any:
 
 
 def define_installed(topic: str, kind: str) -> Definitions:
-    """
-    Collect the definitions of a topic's type from the Python packages that are installed.
-
-    RecordingError where one is not.
-    """
+    """Collect definitions from the Python packages installed; RecordingError where one is not."""
     definitions: dict[str, list[tuple[str, FieldType]]] = {}
     missing = [kind]
     while missing:
@@ -171,12 +168,7 @@ class Layout:
 
 def follow(definitions: Definitions, kind: str, data: bytes) -> Layout:
     """Follow a message through; RecordingError, without a topic, when it is none of this type."""
-    if data[:2] not in {b'\0\0', b'\0\1'}:
-        raise RecordingError(
-            'Expected CDR encapsulation 00 00 or 00 01 at the start of the message; '
-            f'got {data[:2].hex(" ") or "nothing"}.'
-        )
-    follower = _Follower(Layout(data), definitions)
+    follower = _Follower(Layout(data), definitions, byte_order(data))
     follower.message(kind, ())
     left = len(data) - 4 - follower.at
     if left > follower.slack:
@@ -190,6 +182,7 @@ class _Follower:
 
     layout: Layout
     definitions: Definitions
+    byte_order: str
     #: Counted from byte 4, as alignment is.
     at: int = 0
     #: Bytes that may be left behind the last field: senders fill up to a multiple of four, and
@@ -211,7 +204,7 @@ class _Follower:
         if len(self.layout.sizes) > _MOST_PARTS:
             raise RecordingError(f'It holds more than {_MOST_PARTS} parts.')
         if kind in _CODES:
-            code = f'{"<" if self.layout.data[1] else ">"}{_CODES[kind]}'
+            code = f'{self.byte_order}{_CODES[kind]}'
             bytes_, count = struct.calcsize(code), 1 if size is None else size
             self.slack += 8 if size == 0 and bytes_ == 8 else 0
             offset = self._step(count * bytes_, bytes_ if count else 1)
@@ -229,10 +222,9 @@ class _Follower:
 
     def _length(self) -> int:
         offset = self._step(4, 4)
-        where = slice(offset, offset + 4)
-        self.layout.lengths.append(where)
-        data = self.layout.data
-        return int.from_bytes(data[where], 'little' if data[1] else 'big')
+        self.layout.lengths.append(slice(offset, offset + 4))
+        (length,) = struct.unpack_from(f'{self.byte_order}I', self.layout.data, offset)
+        return int(length)
 
     def _step(self, size: int, alignment: int) -> int:
         """Step over the next bytes; returns where they begin."""
