@@ -63,8 +63,7 @@ class Topics:
             )
         if self.imu and self.gravity_frame:
             raise SettingsError(
-                f'Specific force comes from the IMU {self.imu} or by the frame '
-                f'{self.gravity_frame}, not from both; name one.'
+                f'Specific force is of {self.imu} or by {self.gravity_frame}, not from both.'
             )
 
 
@@ -120,13 +119,9 @@ class Recording:
 
     def __post_init__(self) -> None:
         if self.period_ns <= 0:
-            raise RecordingError(
-                f'A thermal cell must last longer than 0 ns; got {self.period_ns}.'
-            )
+            raise RecordingError(f'A thermal cell lasts longer than 0 ns; got {self.period_ns}.')
         if self.temperature_c.ndim != 2 or 0 in self.temperature_c.shape:
-            raise RecordingError(
-                f'{self.name} holds no temperature. Expected temperature_c in at least one cell.'
-            )
+            raise RecordingError(f'{self.name} holds no temperature_c in any cell.')
         low, high = PLAUSIBLE_C
         if not ((self.temperature_c > low) & (self.temperature_c < high)).all():
             raise RecordingError(

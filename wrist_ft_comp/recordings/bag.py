@@ -103,9 +103,8 @@ class Bag:
 
     def find(self, topic: str, message_type: str | None, role: str) -> list[Connection]:
         """Find a topic's connections, of a type or any (None); RecordingError where none fits."""
-        found = self.named(topic)
+        found, name = self.named(topic), f'/{topic.strip("/")}'
         if not found:
-            name = f'/{topic.strip("/")}'
             kinds = {c.topic: c.msgtype for c in self.connections}
             fitting = [name for name, kind in kinds.items() if message_type in {kind, None}]
             near = difflib.get_close_matches(name, fitting, 1, 0.3) or fitting
@@ -123,10 +122,7 @@ class Bag:
                     f'be {message_type}. Name another topic{inside}.'
                 )
         if not any(connection.msgcount for connection in found):
-            raise RecordingError(
-                f'{found[0].topic} of {self.name} holds no messages; was the {role} published '
-                'while recording?'
-            )
+            raise RecordingError(f'{name} of {self.name} holds no messages; was it published?')
         return found
 
 
@@ -152,7 +148,6 @@ def translated(name: str) -> Iterator[None]:
         ) from error
 
 
-_ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 #: Gravity by TF is computed once in this time, ns.
 _STEP_NS = NANOSECONDS // 50
 #: Steps after a transform in which it may be used: until a gap would begin.
@@ -202,11 +197,10 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
                 raise RecordingError(f'{bag.name}: {source.missing(layout)}')
         if abs(ahead_ns) > BAG_APART_S * NANOSECONDS and not stamps_ns.all():
             raise RecordingError(
-                f'Messages on {connection.topic} of {bag.name} have no stamp, and their '
-                'time of arrival says nothing: wrenches are stamped '
-                f'{abs(ahead_ns) / NANOSECONDS:.0f} s {"after" if ahead_ns > 0 else "before"} '
-                "they arrived, by another clock than the recorder's. Let the wrench's driver "
-                'stamp by the clock of ROS, and record again.'
+                f'Messages on {connection.topic} of {bag.name} have no stamp, and their time of '
+                f'arrival says nothing: wrenches are stamped {abs(ahead_ns) / NANOSECONDS:.0f} s '
+                f'{"after" if ahead_ns > 0 else "before"} they arrived. Let their driver stamp by '
+                'the clock of ROS, and record again.'
             )
         if stamps_ns.any():
             stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
@@ -256,9 +250,7 @@ def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
     topics_read = Counter(stream.connection.id for stream in streams)
     for stream in streams:
         if topics_read[stream.connection.id] > 1:
-            raise RecordingError(
-                f'Topic {stream.connection.topic} is named twice; name each topic once.'
-            )
+            raise RecordingError(f'{stream.connection.topic} is named twice; name it once.')
     return streams
 
 
@@ -276,7 +268,7 @@ def decode(
             return reader.read(messages)
         return cdr.decode_many(messages, cdr.DOUBLES[connection.msgtype])
     except RecordingError as error:
-        if messages[0].startswith(_ZSTD_MAGIC):
+        if messages[0].startswith(b'\x28\xb5\x2f\xfd'):  # as zstd begins
             raise RecordingError(
                 f'Messages on {topic} of {bag.name} are compressed one by one, which only '
                 "metadata.yaml tells. Name the bag's folder, after 'ros2 bag reindex' if need be."

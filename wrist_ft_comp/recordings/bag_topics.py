@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 import re
 
 import numpy as np
@@ -56,8 +57,8 @@ class _Tally:
     #: Of messages of another type: where the temperatures are.
     paths: list[Path] = field(default_factory=list)
     reader: NumberReader | None = None
-    #: Whether a message had a stamp; None before one was read.
-    stamped: bool | None = None
+    #: Whether a message had a stamp.
+    stamped: bool = False
     #: Of each temperature, in the order of the paths.
     low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
     high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
@@ -65,16 +66,14 @@ class _Tally:
     def candidates(self) -> Iterator[Candidate]:
         """Make the candidates of the connection."""
         topic, samples = self.connection.topic, self.connection.msgcount
-        is_stamped = bool(self.stamped)
         if self.role != TEMPERATURE:
-            yield Candidate(self.role, topic, samples, is_stamped)
+            yield Candidate(self.role, topic, samples, self.stamped)
             return
         # What has no stamp counts at its time of arrival where it is read as a field.
-        plain: list[Path] = [()] if is_stamped else [('temperature',)]
-        for path, *reads in zip(self.paths or plain, self.low, self.high, strict=True):
+        plain: list[Path] = [()] if self.stamped else [('temperature',)]
+        for path, low, high in zip(self.paths or plain, self.low, self.high, strict=True):
             entry = f'{topic}:{path_text(path)}' if path else topic
-            low, high = map(float, reads)
-            yield Candidate(TEMPERATURE, entry, samples, is_stamped, (low, high))
+            yield Candidate(TEMPERATURE, entry, samples, self.stamped, (float(low), float(high)))
 
 
 def survey_bag(
@@ -110,13 +109,12 @@ def survey_bag(
             del tallies[number]
             warnings.append(f'{tally.connection.topic} cannot be used: {error}')
             continue
-        tally.stamped = bool(tally.stamped or stamps_ns.any())
+        tally.stamped |= bool(stamps_ns.any())
         if tally.role == TEMPERATURE:
             values = values[:, : len(tally.paths) or 1]  # behind a Temperature is its variance
             tally.low = np.fmin(tally.low, np.fmin.reduce(values))
             tally.high = np.fmax(tally.high, np.fmax.reduce(values))
-    read = [tally for tally in tallies.values() if tally.stamped is not None]
-    found += [candidate for tally in read for candidate in tally.candidates()]
+    found += chain.from_iterable(tally.candidates() for tally in tallies.values())
     order = list(_ROLES.values())
     found.sort(key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))
     return tuple(found), tuple(warnings)

@@ -130,9 +130,8 @@ def parse_map(columns: str, time: str) -> tuple[tuple[Column, ...], str]:
         ours = Column('', STAMP) if match['ours'] == STAMP else own_column(match['ours'])
         if ours is None:
             raise SettingsError(
-                f'{match["ours"]} is no name of a column; names are stamp, stamp_nanosec, force_x '
-                '… torque_z, temperature_c, temperature_2_c …, reference_force_x … and '
-                f'linear_acceleration_x …; got {entry!r}.'
+                f'{match["ours"]} is no name of a column, as stamp, force_x, temperature_2_c, '
+                f'reference_force_x and linear_acceleration_x are; got {entry!r}.'
             )
         unit = plain_unit(match['unit'] or '')
         if ours.channel == STAMP:
@@ -140,8 +139,7 @@ def parse_map(columns: str, time: str) -> tuple[tuple[Column, ...], str]:
         elif unit and unit not in units_of(ours.channel):
             allowed = ', '.join(units_of(ours.channel))
             raise SettingsError(
-                f'{match["ours"]} may be in {allowed}, or have a factor such as *0.1 instead of a '
-                f'unit; got {entry!r}.'
+                f'{match["ours"]} may be in {allowed}, or have a factor: *0.1; got {entry!r}.'
             )
         factor = float(match['factor']) if match['factor'] else None
         # temperature_c says what is wanted; temperature_k and stamp_ms, what stands there.
@@ -182,8 +180,7 @@ def place_columns(columns: Sequence[Column], time: str, table: str, header: Head
     said = {column.channel for column in mapped.values()}
     if lost := {c.channel for c in columns} - said - {c.channel for c in missing}:
         raise RecordingError(
-            f'{table} has no column for {listed(sorted(lost))}: the one that is named holds '
-            'another channel, too. Name each column once.'
+            f'{table} has no column for {listed(sorted(lost))}: the one named is another, too.'
         )
     own = {place: column for place, name in enumerate(names) if (column := own_column(name))}
     own = {place: column for place, column in own.items() if column.channel not in said}
@@ -193,8 +190,7 @@ def place_columns(columns: Sequence[Column], time: str, table: str, header: Head
         name, channel = ROW_NUMBER if place == ROW else names[place], column.channel
         if other := found.get(channel):
             raise RecordingError(
-                f'{table} has {channel} twice, in the columns {other.name} and {name}; '
-                'remove or rename one.'
+                f'{table} has {channel} twice, in the columns {other.name} and {name}. Drop one.'
             )
         # A word of the person counts most, then that of the name, then that beside it.
         unit = time if channel == STAMP and time else column.unit

@@ -320,8 +320,7 @@ class _Looks:
             named = (q for q, words in _QUANTITIES.items() if re.fullmatch(words, part))
             quantity = next(named, quantity)
         if not quantity and axis:
-            by_unit = (('force', 'force_x'), ('torque', 'torque_x'))
-            quantity = next((q for q, channel in by_unit if self.unit_of(channel)), '')
+            quantity = next((q for q in ('force', 'torque') if self.unit_of(f'{q}_x')), '')
         if not quantity or not axis or self.words[0] == 'external':
             return ''
         name = f'{quantity}_{axis}'

@@ -122,14 +122,14 @@ def _write_table(
         # Of tables that are joined, each fills its own columns.
         frame = pandas.DataFrame({'stamp_ns': rows.stamps_ns, **rows.values})
         frame = frame.reindex(columns=['stamp_ns', *channels, *empty])
-        wrench = frame.reindex(columns=AXES).to_numpy(float)
-        filled = ~np.isnan(wrench).all(axis=1)
-        corrected = wrench.copy()
+        wrench = frame.reindex(columns=AXES).to_numpy(float, copy=True)
+        absent = np.isnan(wrench)
+        filled = ~absent.all(axis=1)
         if filled.any():
-            corrected[filled] = correct(rows.stamps_ns[filled], wrench[filled])
-        corrected[np.isnan(wrench)] = np.nan
-        for axis in (axis for axis in AXES if axis in channels):
-            frame[axis] = corrected[:, AXES.index(axis)]
+            wrench[filled] = correct(rows.stamps_ns[filled], wrench[filled])
+        wrench[absent] = np.nan
+        for axis in {*AXES} & {*channels}:
+            frame[axis] = wrench[:, AXES.index(axis)]
         frame.to_csv(target, mode='a', index=False, header=not number, lineterminator='\n')
     if len(source.tables) > 1:
         frame = pandas.read_csv(target, float_precision='round_trip', dtype={'stamp_ns': np.int64})

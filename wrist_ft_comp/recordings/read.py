@@ -69,9 +69,8 @@ def backend() -> ModuleType:
             return import_module('wrist_ft_comp.recordings.rosbag2_backend')
         except ImportError as no_rosbag2:
             raise RecordingError(
-                f'A bag needs rosbags ({no_rosbags}) or rosbag2_py ({no_rosbag2}), and neither '
-                "can be imported. Run 'pip install rosbags', or install ros-jazzy-rosbag2-py and "
-                'source ROS 2.'
+                f'A bag needs rosbags ({no_rosbags}) or rosbag2_py ({no_rosbag2}). Run '
+                "'pip install rosbags', or install ros-jazzy-rosbag2-py and source ROS 2."
             ) from no_rosbag2
 
 
@@ -94,8 +93,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
             )
         if not files:
             raise RecordingError(
-                f'{path} is no bag: expected a folder with metadata.yaml or one .mcap or .db3 '
-                'file. Name the folder that ros2 bag record made.'
+                f'{path} is no bag: expected a folder with metadata.yaml, an .mcap or a .db3 file.'
             )
         chosen = files[0]
     if chosen.is_file() and not chosen.stat().st_size:
@@ -149,10 +147,9 @@ class OpenTable:
         for column in options.columns:
             if all(column in placed.missing for placed in self.columns):
                 raise RecordingError(
-                    f'{self.name} has no column {column.name!r}, which {options.source} '
-                    f'names; it has {listed(names)}. Write it as the header does, or give its '
-                    'number, from 1 on. If the map is of other tables, give this one its own by '
-                    '--columns.'
+                    f'{self.name} has no column {column.name!r}, which {options.source} names; it '
+                    f'has {listed(names)}. Write it so, or its number, from 1 on. If the map is '
+                    'of other tables, give this one its own by --columns.'
                 )
         channels = Counter(column.channel for p in self.columns for column in p.channels)
         if twice := [channel for channel, count in channels.items() if count > 1]:
@@ -354,9 +351,7 @@ def recording_from_columns(
     A table is a mapping of names to arrays, or a DataFrame. It has a column ``stamp_s``,
     ``stamp_ms``, ``stamp_us`` or ``stamp_ns`` (whole ns, or datetime64), ascending, and any
     channels (N, N m, °C, or as ``temperature_k`` says); NaN is no sample. Channels of different
-    rates may come in several tables. Messages and reports use ``name``; cells last ``period_s``.
-    The recording's warnings say what was left out. RecordingError when a table cannot be read,
-    when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
+    rates may come in several tables. Messages and reports use ``name``. All else is as there.
     """
     opened = OpenTable([TableInMemory(table, name) for table in tables], ReadOptions(), name)
     return read_opened(opened, period_s, max_bad_share)

@@ -25,7 +25,7 @@ from wrist_ft_comp.stream.clock import NO_TIME
 
 #: File beside recordings that says how they are read.
 MAP_FILE = 'recording.yaml'
-_KEYS = 'columns', 'time', 'from', 'until', 'exclude'
+_KEYS = {'columns', 'time', 'from', 'until', 'exclude'}
 #: Units of times since the beginning, s.
 _UNITS_S = {'': 1.0, 's': 1.0, 'min': 60.0, 'h': 3600.0}
 
@@ -80,17 +80,13 @@ def parse_excerpt(begin: str, end: str, exclude: Iterable[str]) -> Excerpt:
     for text in exclude:
         first, dots, last = text.partition('..')
         if not dots:
-            raise SettingsError(
-                f'A stretch is A..B, such as 4790..4830 or 79min..81min; got {text!r}.'
-            )
+            raise SettingsError(f'A stretch is A..B, such as 79min..81min; got {text!r}.')
         excluded_s.append((_seconds(first), _seconds(last)))
     begin_s = _seconds(begin) if begin else -math.inf
     end_s = _seconds(end) if end else math.inf
     for first_s, last_s in (*excluded_s, (begin_s, end_s)):
         if not first_s < last_s:
-            raise SettingsError(
-                f'A part must end after it begins; got {first_s:g} to {last_s:g} s.'
-            )
+            raise SettingsError(f'A part ends after it begins; got {first_s:g} to {last_s:g} s.')
     return Excerpt(begin_s, end_s, tuple(excluded_s))
 
 
@@ -135,7 +131,7 @@ def options_beside(table: Path, topics: Topics) -> ReadOptions:
         content = yaml.safe_load(beginning(beside))
     except yaml.YAMLError as error:
         raise RecordingError(f'{beside} cannot be read: {error}.') from error
-    if not isinstance(content, dict) or not content.keys() <= {*_KEYS}:
+    if not isinstance(content, dict) or not content.keys() <= _KEYS:
         raise RecordingError(
             f'{beside} must have the keys columns and time, perhaps from, until and exclude, and '
             'no others. If it is of another program, move it, or give --columns.'

@@ -50,17 +50,15 @@ def _salvage(name: str, chosen: Path, stack: ExitStack) -> Bag | None:
     if len(files) != 1 or files[0].suffix != '.mcap':
         return None
     (path,) = files
-    with path.open('rb') as file:
-        begins = file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC
-        file.seek(-min(len(_MCAP_MAGIC), file.seek(0, 2)), 2)
-        ends = file.read() == _MCAP_MAGIC and file.tell() > len(_MCAP_MAGIC)
-    if ends or not begins:
-        return None
+    size, opcode = path.stat().st_size, b''
     reader = McapReader(path)
     reader.bio = stack.enter_context(path.open('rb'))
+    begin = reader.bio.read(len(_MCAP_MAGIC))
+    reader.bio.seek(max(size - len(_MCAP_MAGIC), 0))
+    if begin != _MCAP_MAGIC or reader.bio.read() == _MCAP_MAGIC:
+        return None
     reader.data_start = end = len(_MCAP_MAGIC)
     # Hop over complete records (opcode, 8-byte length, content) up to the end of the data.
-    size, opcode = path.stat().st_size, b''
     while end <= size and opcode != _MCAP_DATA_END:
         reader.data_end = end
         reader.bio.seek(end)
@@ -70,15 +68,13 @@ def _salvage(name: str, chosen: Path, stack: ExitStack) -> Bag | None:
     statistics = reader.statistics
     if statistics is None or not statistics.message_count:
         raise RecordingError(
-            f'{name} is cut off before its first complete chunk of messages; nothing can be read. '
-            "Record again, or try 'mcap recover'."
+            f"{name} is cut off before its first complete chunk. Record again, or 'mcap recover'."
         )
     counts = statistics.channel_message_counts
     counted = [c._replace(msgcount=counts.get(c.id, 0)) for c in reader.connections]
     lost = (
-        f'{name} is cut off: {statistics.message_count} messages could be read, and the last '
-        f'{path.stat().st_size - reader.data_end} bytes could not. The recorder was probably '
-        'killed.'
+        f'{name} is cut off: {statistics.message_count} messages were read, but not the last '
+        f'{size - reader.data_end} bytes. Was the recorder killed?'
     )
     return Bag(
         name=name, storage='mcap', compression='', connections=_connections(counted),

@@ -198,9 +198,8 @@ def grid_samples(
     channels = [temperature_channel(j) for j in range(max(count, 1))]
     if missing := [channel for channel in channels if channel not in found]:
         raise RecordingError(
-            f'{name} holds no usable {missing[0]}. Expected a sample in at least one thermal '
-            'cell; record the temperature beside the wrench. A node keeps none before all of its '
-            'thermometers have reported.'
+            f'{name} holds no usable {missing[0]}. Record the temperature beside the wrench; a '
+            'node keeps none before all of its thermometers have reported.'
         )
     if found.keys().isdisjoint(AXES):
         raise RecordingError(
@@ -281,9 +280,8 @@ def _judge_channels(
     span_s, most = (last + 1 - first) * period_s, MAX_NUMBERS // (1 + len(thermometers))
     if last + 1 - first > most:
         raise RecordingError(
-            f'Stamps of {name} span {span_s:.6g} s; at most {most} thermal cells of '
-            f'{period_s:g} s fit in a recording. Remove the sample with the broken stamp, '
-            f'use a longer thermal period, or split the recording. {remedy}'
+            f'Stamps of {name} span {span_s:.6g} s; at most {most} thermal cells of {period_s:g} '
+            f's fit. Remove the broken stamp, or split it, or choose longer cells. {remedy}'
         )
     if remedy and span_s > _LONG_S:
         yield f'{name} lasts {span_s / 86_400:.1f} days. {remedy}'

@@ -77,16 +77,14 @@ class Table:
         for _, text in self._texts():
             if '\0' in text and text.endswith('\n'):
                 raise RecordingError(
-                    f'{self.name} is no text; expected a table as CSV, or a bag. If it is a '
-                    'table, save it as CSV.'
+                    f'{self.name} is no text; expected a bag, or a table saved as CSV.'
                 )
             lines += text.removesuffix('\n').split('\n')
             if len(lines) >= table_format.FIRST_LINES:
                 break
         if not any(map(str.strip, lines)):
             raise RecordingError(
-                f'{self.name} is empty; expected a header such as stamp_s,force_z,temperature_c '
-                'and rows below it.'
+                f'{self.name} is empty; expected rows below stamp_s,force_z,temperature_c.'
             )
         self.header = table_format.find_header(lines[: table_format.FIRST_LINES], columns_before)
 
@@ -120,19 +118,15 @@ class Table:
                 text, rest = rest[:end], rest[end:]
                 if len(rest) > LONGEST_LINE:
                     raise RecordingError(
-                        f'{self.name} has a line of more than {LONGEST_LINE} characters; '
-                        'expected a table, a row on each line.'
+                        f'{self.name} has a line of more than {LONGEST_LINE} characters: no table.'
                     )
                 above = max(lines_above + 1 - number, 0)
                 if below := text.split('\n', above)[-1]:
                     yield number + above, self.header.plain_text(below)
                 number += text.count('\n')
-        except OSError as error:
-            raise RecordingError(
-                f'{self.path} cannot be read: {error.strerror or error}.'
-            ) from error
-        except (EOFError, lzma.LZMAError, zlib.error) as error:
-            raise RecordingError(f'{self.path} cannot be unpacked: {error}.') from error
+        except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
+            what = getattr(error, 'strerror', None) or error
+            raise RecordingError(f'{self.path} cannot be read: {what}.') from error
         if rest and number > lines_above:
             yield number, self.header.plain_text(rest)
 
@@ -153,6 +147,8 @@ class Table:
         """Read the columns that are used; RecordingError where a row is bad or out of order."""
         convert, is_empty, n = _RowConverter(placed), True, _SURE_ROWS
         path, above = shlex.quote(str(self.path)), self.header.lines_above
+        made = (f'{self.path.stem}_{what}.csv' for what in ('part_1', 'part_2', 'oldest_first'))
+        one, two, turned = map(shlex.quote, made)  # in the working directory
         stamps_ns: IntArray = np.empty(0, np.int64)
         lines = stamps_ns
         for number, text in self._texts(progress):
@@ -177,8 +173,7 @@ class Table:
             if is_empty and runs_back and (np.diff(rows.stamps_ns) <= 0).all():
                 raise RecordingError(
                     f'{self.name} has its newest row first. Turn it round by "(set -C; (head -n '
-                    f'{above} {path}; tail -n +{above + 1} {path} | tac) > '
-                    f'{_beside(self.path, "oldest_first")})".'
+                    f'{above} {path}; tail -n +{above + 1} {path} | tac) > {turned})".'
                 )
             stamps_ns = np.concatenate([stamps_ns[-2 * n :], rows.stamps_ns])
             lines = np.concatenate([lines[-2 * n :], rows.lines])
@@ -186,7 +181,6 @@ class Table:
                 before, behind = stamps_ns[max(k - n, 0) : k], stamps_ns[k : k + n]
                 in_order = (np.diff(before) >= 0).all() and (np.diff(behind) >= 0).all()
                 if len(before) == len(behind) == n and behind[-1] < before[0] and in_order:
-                    one, two = (_beside(self.path, f'part_{part}') for part in (1, 2))
                     step_s = float(np.median(np.diff(before))) / NANOSECONDS
                     channels = [c.entry(self.header.columns_before) for c in placed.channels]
                     raise RecordingError(
@@ -200,9 +194,7 @@ class Table:
             is_empty = False
             yield rows
         if is_empty:
-            raise RecordingError(
-                f'{self.name} holds a header and no complete row; nothing was recorded.'
-            )
+            raise RecordingError(f'{self.name} holds no complete row; nothing was recorded.')
 
     def _read(self, text: str, number: int, convert: '_RowConverter') -> Rows:
         """Convert lines, of which the first has a number; RecordingError where one is bad."""
@@ -332,9 +324,8 @@ class _RowConverter:
         """Convert the columns of stamps; the form is found where nobody said it."""
         factor, count = self._stamp.factor, len(lines)
         if not count or self._stamp.place == column_map.ROW:
-            unit_ns = TIME_UNITS_NS[self._form or 's']
-            numbers = self._count + np.arange(count)
-            return np.asarray(np.rint(numbers * (factor or 1.0) * unit_ns).astype(np.int64))
+            row_ns = (factor or 1.0) * TIME_UNITS_NS.get(self._form, NANOSECONDS)
+            return np.asarray(np.rint((self._count + np.arange(count)) * row_ns).astype(np.int64))
 
         def cells_of(column: Column) -> Any:
             cells = frame[column.place]
@@ -371,11 +362,6 @@ class _RowConverter:
 
 def _is_empty(cells: Any) -> Any:
     return cells.isna() | (cells == '')
-
-
-def _beside(path: Path, what: str) -> str:
-    """Name what is made of a file in the working directory, as a shell reads it."""
-    return shlex.quote(f'{path.stem}_{what}.csv')
 
 
 def _encoding_of(start: bytes) -> str:

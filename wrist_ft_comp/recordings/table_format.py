@@ -379,9 +379,8 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
     month_first |= '%p' in clocks[0]
     days = [*_MONTH_FIRST, *_DAY_FIRST] if month_first else [*_DAY_FIRST, *_MONTH_FIRST]
     days = [form for form in days if _is_in_form(day, form)] if day else ['']
-    forms = [f'{form}{joint}{clocks[0]}' for form in days]
     disorder: dict[str, int] = {}
-    for form in forms:
+    for form in (f'{form}{joint}{clocks[0]}' for form in days):
         with suppress(ValueError, ArithmeticError):
             stamps_ns = exact_ns(filled, form)
             runs_back = int(np.count_nonzero(np.diff(stamps_ns) < 0))

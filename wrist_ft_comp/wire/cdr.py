@@ -37,12 +37,8 @@ TF = 'tf2_msgs/msg/TFMessage'
 DOUBLES = {WRENCH: WRENCH_DOUBLES, TEMPERATURE: 2, IMU: IMU_DOUBLES}
 #: Byte at which frame_id begins.
 _FRAME = 16
-#: A frame name longer than this is not a frame name.
-_MAX_FRAME_BYTES = 65536
 #: Most bytes of a frame name that are shown; no sensor's is longer.
 _SHOWN = 255
-#: Most remembered layouts: a topic has one, but a sender may vary its frame names.
-_MAX_LAYOUTS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,24 +88,20 @@ def byte_order(data: bytes) -> str:
     return '<' if data[1] else '>'
 
 
-@lru_cache(_MAX_LAYOUTS)
+@lru_cache  # a topic has one layout, but a sender may vary its frame names
 def _layout(size: int, encapsulation: bytes, frame_length: bytes, count: int) -> Layout:
     if size < _FRAME:
-        raise RecordingError(
-            f'Expected a CDR message with a header and {count} doubles; got {size} bytes.'
-        )
+        raise RecordingError(f'Expected a header and {count} doubles; got {size} bytes.')
     order = byte_order(encapsulation)
     (frame_bytes,) = struct.unpack(f'{order}I', frame_length)
-    if frame_bytes > min(size - _FRAME, _MAX_FRAME_BYTES):
+    if frame_bytes > size - _FRAME:
         raise RecordingError(
-            f'Expected a frame_id that fits into the message of {size} bytes; '
-            f'its length is given as {frame_bytes} bytes.'
+            f'Expected a frame_id within {size} bytes; its length is given as {frame_bytes}.'
         )
     offset = 4 + -(-(12 + frame_bytes) // 8) * 8
     if size != offset + 8 * count:
         raise RecordingError(
-            f'Expected {offset + 8 * count} bytes for a message with a header and {count} '
-            f'doubles; got {size}.'
+            f'Expected {offset + 8 * count} bytes of a header and {count} doubles; got {size}.'
         )
     record = np.dtype({
         'names': ['encapsulation', 'seconds', 'nanoseconds', 'frame_bytes', 'doubles'],

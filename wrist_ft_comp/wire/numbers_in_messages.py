@@ -77,9 +77,8 @@ def define_installed(topic: str, kind: str) -> Definitions:
         except (ImportError, AttributeError) as error:
             package = part.partition('/')[0]
             raise RecordingError(
-                f'{topic} is {kind}, and {part} is not known here '
-                f'({error}). Install and source its package {package}; or, where the bag carries '
-                "its definition, as those of ROS 2 Iron and later do, run 'pip install rosbags'."
+                f'{topic} is {kind}, and {part} is not known here ({error}). Install and source '
+                f"its package {package}; or, of bags of Iron or later, run 'pip install rosbags'."
             ) from error
         definitions[part] = []
         for field_name, text in message.get_fields_and_field_types().items():
