@@ -51,9 +51,10 @@ def why_unusable(channel: str, value: float) -> str:
     """Say what is wrong with readings of a channel such as a value that no sensor makes."""
     if not math.isfinite(value):
         return 'not finite'
-    (low, high), unit = _limits(channel), ' °C' if channel.startswith('temperature') else ''
+    (low, high), unit = limits_of(channel), ' °C' if channel.startswith('temperature') else ''
     return f'outside {low:g} to {high:g}{unit}, which no sensor reads, such as {value:.4g}{unit}'
 
 
-def _limits(channel: str) -> tuple[float, float]:
+def limits_of(channel: str) -> tuple[float, float]:
+    """Tell between which numbers every reading of a channel lies."""
     return PLAUSIBLE_C if channel.startswith('temperature') else (-LARGEST, LARGEST)

@@ -98,8 +98,7 @@ class Recording:
     temperature_c: FloatArray
     #: Whether the cell had a temperature sample of its own, shape (N, J).
     measured: BoolArray
-    #: Mean raw and reference wrench, N and N m, axis order AXES, shape (N, 6); NaN where there was
-    #: no sample.
+    #: Mean raw and reference wrench, N and N m, axis order AXES, shape (N, 6); NaN: no sample.
     wrench: FloatArray
     reference: FloatArray
     #: What was dropped while reading, in sentences.
@@ -107,8 +106,7 @@ class Recording:
     #: Mean specific force as it was measured, shape (N, 3), NaN where there was no sample; None
     #: where none was recorded. Scale and bias of the accelerometer are still in it.
     specific_force: FloatArray | None = None
-    #: RMS speed of rotation, rad/s, shape (N,), NaN where there was no sample; None where none was
-    #: recorded.
+    #: RMS speed of rotation, rad/s, shape (N,); NaN and None as before.
     rotation_speed: FloatArray | None = None
     #: Cells from which on the zero is another, because it was or may have been tared there.
     steps: tuple[int, ...] = ()

@@ -27,14 +27,7 @@ from wrist_ft_comp.recordings.table import Table, TableInMemory
 from wrist_ft_comp.recordings.table_format import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.recording_writer import ORIGIN
-from wrist_ft_comp.units import (
-    DAYS_TO_1970,
-    known_unit,
-    STAMP,
-    TIME_UNITS_NS,
-    TIMEDELTA,
-    to_celsius,
-)
+from wrist_ft_comp.units import STAMP, TIME_UNITS_NS, to_celsius
 from wrist_ft_comp.wire.temperature_source import may_be_temperature
 
 _EXPECTED = {
@@ -248,19 +241,19 @@ class _Looks:
         #: What --time has to say where it is a time.
         self.form = find_form(self.filled, month_first=header.delimiter == ',')
         if self.form == '%H:%M' and not _ELAPSED.isdisjoint(self.words):
-            self.form = TIMEDELTA
+            self.form = units.TIMEDELTA
         if self._is_number and len(self.numbers):
             own = units.plain_unit(self.plain) if self._is_time_word else ''
             own = own if own in TIME_UNITS_NS and (is_short or own != 's') else ''
             self.form = self.unit_of(STAMP) or own or table_format.unit_of_times(self.numbers)
             first, lasts = self.numbers[0], self.numbers[-1] - self.numbers[0]
-            for form, day in DAYS_TO_1970.items() if self._is_time_word else ():
+            for form, day in units.DAYS_TO_1970.items() if self._is_time_word else ():
                 if LIKELY_DAYS[0] < first - day < LIKELY_DAYS[1] and 0 <= lasts < _MOST_DAYS:
                     self.form = form
 
     def unit_of(self, channel: str) -> str:
         """Find its unit as one of a channel; empty where it is in no such unit."""
-        return known_unit(channel, self.name, self.unit)
+        return units.known_unit(channel, self.name, self.unit)
 
     def may_be(self, channel: str) -> bool:
         """Whether neither unit nor values exclude that it is what a sensor reads of a channel."""
@@ -273,9 +266,8 @@ class _Looks:
         if not self.filled:
             return float(self._is_time_word)
         has_unit = bool(self.unit_of(STAMP))
-        is_clock = not self._is_number or self.form in DAYS_TO_1970
-        if self._is_number and len(self.numbers):
-            is_clock |= bool(table_format.epoch_unit(float(self.numbers[0])))
+        is_clock = not self._is_number or self.form in units.DAYS_TO_1970
+        is_clock = is_clock or bool(table_format.epoch_unit(float(self.numbers[0])))
         if not self.form or not (is_clock or self._is_time_word or has_unit):
             return 0.0
         try:

@@ -96,10 +96,8 @@ def _write_bag(  # noqa: PLR0913, PLR0917 -- as rewrite_recording
         added = add(wrenches[0], f'/{output_topic.strip("/")}', cdr.WRENCH)
         for batch in bag.batches(bag.connections, progress):
             messages = [data for connection, _, data in batch if connection.id in numbers]
-            corrected = iter(list[bytes]())
-            if messages:
-                wrench = correct(*decode(bag, wrenches[0], messages))
-                corrected = iter(cdr.encode_many(messages, wrench))
+            wrench = correct(*decode(bag, wrenches[0], messages))
+            corrected = iter(cdr.encode_many(messages, wrench))
             for connection, time_ns, data in batch:
                 write(copies[connection.id], time_ns, data)
                 if connection.id in numbers:

@@ -81,10 +81,8 @@ def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
     else:
         writers = [rosbag2_py.SequentialWriter()]
     try:
-        writers[0].open(
-            rosbag2_py.StorageOptions(uri=str(folder), storage_id=like.storage),
-            rosbag2_py.ConverterOptions('', ''),
-        )
+        storage = rosbag2_py.StorageOptions(uri=str(folder), storage_id=like.storage)
+        writers[0].open(storage, rosbag2_py.ConverterOptions('', ''))
         yield (
             lambda like, topic, kind: _add_topic(writers[0], like, topic, kind),
             lambda topic, time_ns, data: writers[0].write(topic, data, time_ns),

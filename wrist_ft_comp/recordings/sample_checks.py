@@ -14,14 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp import channels as channel_names
-from wrist_ft_comp.channels import (
-    _limits,
-    AXES,
-    FORCE_CHANNELS,
-    ROTATION_CHANNEL,
-    temperature_channel,
-    why_unusable,
-)
+from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, ROTATION_CHANNEL, temperature_channel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import PERIODS_S, Recording, Samples
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
@@ -93,7 +86,7 @@ class _Group:
 
     def add(self, stamps_ns: IntArray, values: FloatArray) -> None:
         """Sum up a block of samples, (n,) and (n, C), but for those that are dropped."""
-        low, high = np.array([_limits(channel) for channel in self.channels]).T
+        low, high = np.array([channel_names.limits_of(channel) for channel in self.channels]).T
         plausible = ((values > low) & (values < high)).all(axis=1)
         ordered = in_order(stamps_ns, self.last_ns)
         self.samples += len(values)
@@ -129,13 +122,10 @@ class _Group:
         if self.of_temperature and not self.samples:
             yield f'{title} holds no sample; it is left out.'
         if dropped := self.strange + self.out_of_order:
-            reasons = (
-                (self.strange, f'are {why_unusable(self.channels[0], self.first_strange)}'),
-                (self.out_of_order, 'have a stamp that does not increase'),
-            )
-            counts = (
-                f'{count} of {self.samples} samples {why}' for count, why in reasons if count
-            )
+            why_strange = channel_names.why_unusable(first, self.first_strange)
+            no_increase = 'have a stamp that does not increase'
+            reasons = (self.strange, f'are {why_strange}'), (self.out_of_order, no_increase)
+            counts = (f'{n} of {self.samples} samples {reason}' for n, reason in reasons if n)
             sentence = f'{title}: {" and ".join(counts)}; '
             if dropped > max_bad_share * self.samples:
                 remedy = 'Record again, or remove those samples.'

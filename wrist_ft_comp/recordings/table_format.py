@@ -339,9 +339,8 @@ def exact_ns(cells: Any, form: str) -> IntArray:
     if form == units.TIMEDELTA:
         texts = [f'0:{text}' if text.count(':') == 1 else text for text in texts]
         return np.asarray(pandas.to_timedelta(texts).as_unit('ns').asi8)
-    times = pandas.to_datetime(
-        texts, format='ISO8601' if form == 'iso' else form.replace(',', '.'), utc=True
-    )
+    form = 'ISO8601' if form == 'iso' else form.replace(',', '.')
+    times = pandas.to_datetime(texts, format=form, utc=True)
     if times.hasnans:
         raise ValueError('a stamp is missing')
     return np.asarray(times.as_unit('ns').asi8)

@@ -12,11 +12,11 @@ Alignment counts from byte 4, so ``o = 4 + 8 ceil((12 + frame length) / 8)``. By
 are never changed.
 """
 
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 import struct
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from numpy.typing import NDArray
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 
+#: Bytes of n messages, one per row, shape (n, size).
+Rows = NDArray[np.uint8]
+_Made = TypeVar('_Made')
 #: Doubles of a wrench, force and torque, and of an IMU: orientation, rotation and acceleration,
 #: all with a covariance.
 WRENCH_DOUBLES, IMU_DOUBLES = 6, 37
@@ -35,8 +38,8 @@ IMU = 'sensor_msgs/msg/Imu'
 TF = 'tf2_msgs/msg/TFMessage'
 #: By type; a temperature has itself and its variance.
 DOUBLES = {WRENCH: WRENCH_DOUBLES, TEMPERATURE: 2, IMU: IMU_DOUBLES}
-#: Byte at which frame_id begins.
-_FRAME = 16
+#: Byte at which frame_id begins, and those that say how a message is laid out.
+_FRAME, _SHARED = 16, np.array([0, 1, 12, 13, 14, 15])
 #: Most bytes of a frame name that are shown; no sensor's is longer.
 _SHOWN = 255
 
@@ -104,9 +107,9 @@ def _layout(size: int, encapsulation: bytes, frame_length: bytes, count: int) ->
             f'Expected {offset + 8 * count} bytes of a header and {count} doubles; got {size}.'
         )
     record = np.dtype({
-        'names': ['encapsulation', 'seconds', 'nanoseconds', 'frame_bytes', 'doubles'],
-        'formats': ['u2', f'{order}i4', f'{order}u4', f'{order}u4', f'({count},){order}f8'],
-        'offsets': [0, 4, 8, 12, offset], 'itemsize': size,
+        'names': ['seconds', 'nanoseconds', 'doubles'],
+        'formats': [f'{order}i4', f'{order}u4', f'({count},){order}f8'],
+        'offsets': [4, 8, offset], 'itemsize': size,
     })  # fmt: skip
     doubles = struct.Struct(f'{order}{count}d')
     numbers = struct.Struct(f'{order}4xiI{offset - 12}x{count}d')
@@ -137,17 +140,25 @@ def encode_many(messages: Sequence[bytes], values: FloatArray) -> list[bytes]:
 
 def _records(messages: Sequence[bytes], count: int) -> Iterator[tuple[IntArray, NDArray[np.void]]]:
     """Yield the places of messages that share a layout, and a writable copy of these messages."""
-    if not messages:
-        return
-    layout = locate(messages[0], count)
-    if set(map(len, messages)) == {layout.record.itemsize}:
-        records = np.frombuffer(bytearray().join(messages), layout.record)
-        if all((records[n] == records[n][0]).all() for n in ('encapsulation', 'frame_bytes')):
-            yield np.arange(len(messages)), records
-            return
-    alike: defaultdict[Layout, list[int]] = defaultdict(list)
-    for place, message in enumerate(messages):
-        alike[locate(message, count)].append(place)
-    for layout, places in alike.items():
-        copied = bytearray().join(messages[place] for place in places)
-        yield np.array(places), np.frombuffer(copied, layout.record)
+    for layout, places, rows in group_alike(messages, lambda data: (_SHARED, locate(data, count))):
+        yield places, rows.view(layout.record)[:, 0]
+
+
+def group_alike(
+    messages: Sequence[bytes], find: Callable[[bytes], tuple[IntArray, _Made]]
+) -> Iterator[tuple[_Made, IntArray, Rows]]:
+    """
+    Group messages by layout: what was made of it, their numbers from 0, and a copy of their bytes.
+
+    ``find`` tells of a message where all that are alike have the same bytes, and what was made.
+    """
+    sizes = np.fromiter(map(len, messages), np.int64, len(messages))
+    for size in np.unique(sizes):
+        numbers = np.flatnonzero(sizes == size)
+        joined = b''.join([messages[number] for number in numbers])
+        rows: Rows = np.frombuffer(joined, np.uint8).reshape(len(numbers), size)
+        while len(numbers):
+            at, made = find(messages[numbers[0]])
+            alike = (rows[:, at] == rows[0, at]).all(axis=1)
+            yield made, numbers[alike], rows[alike]
+            numbers, rows = numbers[~alike], rows[~alike]

@@ -1,11 +1,9 @@
 """
 Transforms read from ``tf2_msgs/TFMessage``, orientations between frames, and gravity by them.
 
-The messages of a publisher differ in their numbers only: those with the same names are alike. Bags
-and the running node use the same ``GravityByTf``: it takes transforms as they come and gives
-specific force in the lower of two frames, where z of the upper one is up. Orientations are
-interpolated between the transforms of a frame, unless these are too far apart or have ended.
-Quaternions are x, y, z, w as in messages.
+The messages of a publisher differ in their numbers only: those with the same names are alike. For
+bags and the running node, ``GravityByTf`` takes transforms as they come. It interpolates between
+those of a frame, unless they are too far apart or have ended. Quaternions are x, y, z, w.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,8 +16,8 @@ from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.wire import numbers_in_messages
-from wrist_ft_comp.wire.cdr import TF
-from wrist_ft_comp.wire.numbers_in_messages import Definitions, Layouts, Place, Rows, SEQUENCE
+from wrist_ft_comp.wire.cdr import Rows, TF
+from wrist_ft_comp.wire.numbers_in_messages import Definitions, Layouts, Place, SEQUENCE
 
 _DEFINITIONS: Definitions = {
     TF: [('transforms', ('TransformStamped', SEQUENCE))],
@@ -145,9 +143,8 @@ class _Link:
     def _sorted(self) -> _Columns:
         """Sort in what came; of transforms with one stamp the newest counts."""
         if self._new:
-            stamps_ns, quaternions = map(
-                np.concatenate, zip(self._columns, *self._new, strict=True)
-            )
+            columns = zip(self._columns, *self._new, strict=True)
+            stamps_ns, quaternions = map(np.concatenate, columns)
             if (np.diff(stamps_ns) <= 0).any():
                 _, backwards = np.unique(stamps_ns[::-1], return_index=True)
                 stamps_ns, quaternions = stamps_ns[::-1][backwards], quaternions[::-1][backwards]

@@ -16,11 +16,10 @@ import struct
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
-from wrist_ft_comp.wire.cdr import byte_order
+from wrist_ft_comp.wire.cdr import byte_order, group_alike, Rows
 
 #: What a field is, and how often: once (None), a fixed number of times, or SEQUENCE.
 FieldType = tuple[str, int | None]
@@ -30,8 +29,6 @@ Definitions = Mapping[str, Sequence[tuple[str, FieldType]]]
 #: Names of fields, and indices, from a message down to a number in it. ``[wrist_3]``, in brackets,
 #: is the index at which an array of texts beside has this name.
 Path = tuple[str | int, ...]
-#: Bytes of n messages, one per row, shape (n, size).
-Rows = NDArray[np.uint8]
 _Made = TypeVar('_Made')
 #: numpy's letter of every number, by its name in ROS and, where that differs, in IDL.
 _CODES = {
@@ -276,16 +273,7 @@ class Layouts(Generic[_Made]):
 
     def group(self, messages: Sequence[bytes]) -> Iterator[tuple[_Made, IntArray, Rows]]:
         """Group messages by layout: what was made of it, their numbers from 0, and their bytes."""
-        sizes = np.fromiter(map(len, messages), np.int64, len(messages))
-        for size in np.unique(sizes):
-            numbers = np.flatnonzero(sizes == size)
-            joined = b''.join([messages[number] for number in numbers])
-            rows: Rows = np.frombuffer(joined, np.uint8).reshape(len(numbers), size)
-            while len(numbers):
-                at, made = self._find(messages[numbers[0]])
-                alike = (rows[:, at] == rows[0, at]).all(axis=1)
-                yield made, numbers[alike], rows[alike]
-                numbers, rows = numbers[~alike], rows[~alike]
+        return group_alike(messages, self._find)
 
 
 class NumberReader:
