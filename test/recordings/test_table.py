@@ -52,7 +52,7 @@ STAMPS = [
 @pytest.mark.parametrize(('text', 'time', 'ns'), STAMPS)
 @pytest.mark.parametrize('count', [1, 3])
 def test_stamps_become_nanoseconds_exactly(make_csv, text, time, ns, count):
-    path = make_csv('stamp_s,force_z\n' + f'{text},1\n' * count)
+    path = make_csv('stamp_s,force_z\n' + f'{text},1\n' * count + '# end')
     assert all_samples(path, time=time)[0]['force_z'] == ([ns], [1.0])
 
 

@@ -5,7 +5,6 @@ import re
 import numpy as np
 import pytest
 
-from wrist_ft_comp import units
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.wire import temperature_source as sources
 from wrist_ft_comp.wire.temperature_source import parse_source, TemperatureSource
@@ -146,7 +145,3 @@ def test_all_numbers_but_the_headers_are_found_with_their_paths(state):
 def test_a_field_may_be_a_temperature_by_its_name(name, telling):
     assert sources.may_be_temperature(('joints', 2, name)) is telling
     assert sources.may_be_temperature((name, 0)) is telling
-
-
-def test_a_reading_in_another_unit_becomes_celsius():
-    assert units.to_celsius(50.0, 'F') == pytest.approx(10.0)

@@ -67,8 +67,7 @@ class Column:
         values = values if self.factor is None else values * self.factor
         if self.channel.startswith('temperature'):
             return to_celsius(values, self.unit or 'C')
-        factor = units_of(self.channel)[self.unit] if self.unit else 1.0
-        return values if factor == 1.0 else values * factor
+        return values * units_of(self.channel)[self.unit] if self.unit else values
 
 
 def lacking_kinds(tables: Sequence[Mapping[str, object]]) -> list[str]:
