@@ -67,8 +67,7 @@ def check_copy(
                 raise RecordingError(opened.compensated)
         else:
             bag = opened.bag
-            taken = {connection.topic.strip('/') for connection in bag.connections}
-            if output_topic.strip('/') in taken:
+            if bag.named(output_topic):
                 raise OutputError(
                     f'{bag.name} holds {output_topic} already; name another topic for the output.'
                 )

@@ -127,13 +127,10 @@ class Layout:
     def find(self, path: Path) -> Place | None:
         """Find a number, which may be an element of an array."""
         path = self.numbered(path)
-        place = self.places.get(path)
-        if place is not None:
-            return place if place.size is None else None
-        array, index = self.places.get(path[:-1]), path[-1]
-        if array is None or array.size is None or isinstance(index, str) or index >= array.size:
-            return None
-        return Place(array.offset + index * struct.calcsize(array.code), array.code, None)
+        place, array, index = self.places.get(path), self.places.get(path[:-1]), path[-1]
+        if place is None and array and isinstance(index, int) and index < (array.size or 0):
+            return Place(array.offset + index * struct.calcsize(array.code), array.code, None)
+        return place if place and place.size is None else None
 
     @cached_property
     def _names(self) -> dict[tuple[Path, str | int], str]:
