@@ -23,7 +23,7 @@ from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.drift_warnings import frozen_doubts, gap_doubts, seldom_doubts
 from wrist_ft_comp.units import other_unit, UNIT_REMEDY
 from wrist_ft_comp.wire import numbers_in_messages as in_messages
-from wrist_ft_comp.wire.cdr import TEMPERATURE, TEMPERATURE_DOUBLES
+from wrist_ft_comp.wire.cdr import DOUBLES, TEMPERATURE
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 
 
@@ -40,7 +40,7 @@ class TemperatureTopic:
         self.sources = sources
         #: The newest message, and the one before it.
         self._newest = self._before = b''
-        self.frames = RecentFrames(TEMPERATURE_DOUBLES)
+        self.frames = RecentFrames(DOUBLES[TEMPERATURE])
         #: Messages of which some temperature could not be read.
         self.unreadable = 0
         #: Why none can be read, and why the number of a thermometer cannot.

@@ -156,10 +156,13 @@ class Rig:
             answers.put(response)
         return answers
 
-    def call(self, service, data=None):
-        answers = self.ask(service, data)
-        self.wait_until(lambda: not answers.empty(), f'the answer of {service}')
+    def answered(self, answers):
+        """Wait for the answer of a service that was asked."""
+        self.wait_until(lambda: not answers.empty(), 'the answer')
         return answers.get()
+
+    def call(self, service, data=None):
+        return self.answered(self.ask(service, data))
 
     def refusal(self, service, data=None):
         answer = self.call(service, data)

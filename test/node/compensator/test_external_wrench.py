@@ -85,6 +85,12 @@ class Held:
         (found,) = self.part.statuses()
         return found
 
+    def see(self, second, force, wrench):
+        """Feel a specific force and a wrench, some seconds after the start; give the status."""
+        self.feel(START + second * SECOND, force)
+        self.ask(START + second * SECOND, wrench)
+        return self.status()
+
 
 @pytest.fixture
 def held(ros_domain, fake_hub, tmp_path):  # noqa: ARG001 -- which silences the first import
@@ -168,14 +174,10 @@ STATUSES = [
     ([(-3, UP)], 0.0, WARN, '3 s apart: two clocks; wrench_external rests'),
     ([(0, UP / 9.807)] * specific_force._REPORTS, 0.0, WARN, 'is -90% off gravity'),
     ([(0, UP)] * specific_force._REPORTS, 0.0, WARN, 'is the IMU frozen?'),
-    (
-        [(0, (1.05 + 1e-6 * k) * UP) for k in range(specific_force._REPORTS - 1)],
-        0.0, OK, 'subtracting day-1',
-    ),
-    (
-        [(0, (1.05 + 1e-6 * k) * UP) for k in range(specific_force._REPORTS)],
-        0.0, WARN, 'specific force is +5% off gravity, and so is the weight',
-    ),
+    ([(0, (1.05 + 1e-6 * k) * UP) for k in range(specific_force._REPORTS - 1)], 0.0, OK,
+     'subtracting day-1'),
+    ([(0, (1.05 + 1e-6 * k) * UP) for k in range(specific_force._REPORTS)], 0.0, WARN,
+     'specific force is +5% off gravity, and so is the weight'),
 ]  # fmt: skip
 
 
@@ -295,15 +297,12 @@ def test_the_payloads_of_model_file_stay_when_another_model_is_live(held, tmp_pa
 def test_what_shows_a_wrong_weight_outlives_grips(held):
     """Between two grips there are too few poses to find that the IMU is turned."""
     part = held(**{'payload.active': 'day-1'})
-    said = []
     for k, force in enumerate([UP, ASIDE, SIDEWAYS, -UP, -ASIDE, -SIDEWAYS] * 12):
-        name = ('day-1', 'day-2')[k // 6 % 2]
+        name, payload = (('day-1', TOOL), ('day-2', PART))[k // 6 % 2]
         part.hub.set(part.part, **{'payload.active': name})
-        part.feel(START + k * SECOND, force)
         turned = np.array([force[1], force[0], -force[2]])
-        part.ask(START + k * SECOND, (TOOL, PART)[k // 6 % 2].weight(turned))
-        said.append(part.status().message)
-    assert 'is mirrored or turned, by 180 degrees' in said[-1]
+        found = part.see(k, force, payload.weight(turned))
+    assert 'is mirrored or turned, by 180 degrees' in found.message
 
 
 def test_by_tf_no_turn_is_needed_and_payloads_learnt_by_an_imu_are_refused(held):
@@ -358,11 +357,9 @@ def test_a_wrench_unlike_the_weight_is_a_warning(held, felt_turn, shift_m, conta
     mounted = replace(TOOL, center_m=TOOL.center_m + shift_m * np.eye(3)[0])
     for k in range(100):
         up = Rotation.from_euler('xy', [np.sin(k / 4), np.sin(k / 5)]).as_matrix().T @ UP
-        part.feel(START + k * SECOND, felt_turn @ up)
         contact = np.array([0, 0, contact_n * (up[2] > 9.0), 0, 0, 0])
         noise = rng.normal(0, 0.05, 6) * [1, 1, 1, 0.1, 0.1, 0.1]
-        part.ask(START + k * SECOND, mounted.weight(up) + contact + noise)
-        found = part.status()
+        found = part.see(k, felt_turn @ up, mounted.weight(up) + contact + noise)
     expected = words or 'subtracting day-1'
     assert (found.level, expected in found.message) == (WARN if words else OK, True), found.message
 
@@ -375,8 +372,7 @@ def tare_at_rest(node):
         measured = tuple((FRAME.rotation.T @ UP).tolist())
         node.node.broadcast('on_specific_force', stamp, measured, None)
         node.ask_output(stamp, TOOL.weight(UP) + CONSTANT + 1e-13 * (-1) ** k)
-    node.wait_until(lambda: not answers.empty(), 'the answer')
-    return answers.get()
+    return node.answered(answers)
 
 
 def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
@@ -418,10 +414,8 @@ def test_a_tare_with_a_weight_that_did_not_fit_is_doubted_when_the_payload_is_me
     if tared:
         compensator.set_tare(PART.weight(UP), START, 0.7 * PART.weight(UP))
     for k, force in enumerate([UP, ASIDE, SIDEWAYS, -UP, -ASIDE, -SIDEWAYS] * 4):
-        part.feel(START + k * SECOND, force)
-        part.ask(START + k * SECOND, PART.weight(force))
-        said = part.status().message
-    assert 'times as much as the weight of manual' in said
+        found = part.see(k, force, PART.weight(force))
+    assert 'times as much as the weight of manual' in found.message
     part.hub.set(part.part, **BY_HAND)
     doubts = ['that did not fit; when' in why for why in compensator.zero_doubts]
     assert doubts == [True] * tared
@@ -439,9 +433,7 @@ def test_a_tare_with_another_load_than_was_named_is_said(held, tared_with, press
     for k, turn in enumerate(Rotation.random(30, random_state=0)):
         force = turn.apply(UP)
         pressed = np.array([0.0, 0.0, -pressed_n, 0.0, 0.0, 0.0]) * (k >= 5)
-        part.feel(START + k * SECOND, tuple(force))
-        part.ask(START + k * SECOND, PART.weight(force) + pressed)
-        said = part.status().message
+        said = part.see(k, force, PART.weight(force) + pressed).message
     off_n = np.linalg.norm((on - named)[:3])
     words = f'wrench_external rests at {off_n:.2g} N in all directions'
     assert (words in said) == doubted, said
@@ -465,7 +457,6 @@ def test_a_tare_without_force_or_of_two_payloads_is_refused(holding, felt_s, cha
         node.ask_output(START + k * SECOND // 100, CONSTANT + 1e-13 * k)
         if k == 10 and changed:
             assert node.set('payload.active', changed).successful
-    node.wait_until(lambda: not answers.empty(), 'the answer')
-    answer = answers.get()
+    answer = node.answered(answers)
     assert (answer.success, reason in answer.message) == (False, True), answer.message
     assert not node.node.compensator.tared

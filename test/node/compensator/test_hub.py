@@ -56,8 +56,7 @@ def test_a_part_that_failed_is_logged_once_and_its_services_refuse(rig, capfd):
     node.node.tare.on_wrench = sabotaged
     answers = node.ask('tare')
     node.ask_output(START, [1.0] * 6)
-    node.wait_until(lambda: not answers.empty(), 'the answer')
-    failed = answers.get()
+    failed = node.answered(answers)
     assert not failed.success
     assert 'Sabotage: by a test' in failed.message
     again = node.call('reset_tare')

@@ -51,8 +51,7 @@ def test_a_minute_of_work_gives_the_payload_and_the_next_step(working, minute):
     send(working, minute, range(600))
     assert working.diagnosis('payload').message == 'identifying a payload: 50% of a minute'
     send(working, minute, range(600, 1202))
-    working.wait_until(lambda: not answers.empty(), 'the answer')
-    answer = answers.get()
+    answer = working.answered(answers)
     assert answer.success, answer.message
     path = working.directory / 'models/payloads.json'
     (kept,) = json.loads(path.read_text('utf-8'))['payloads'].items()
@@ -96,5 +95,4 @@ def test_a_caller_is_answered_where_an_identification_cannot_go_on(  # noqa: PLR
     answers = working.ask('identify_payload')
     send(working, minute, range(10))
     happens(working.node)
-    working.wait_until(lambda: not answers.empty(), 'the answer')
-    assert words in answers.get().message
+    assert words in working.answered(answers).message

@@ -13,7 +13,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Temperature
 
-from wrist_ft_comp.drift.drift_model import no_drift, ThermometerPrediction
+from wrist_ft_comp.drift.drift_model import ThermometerPrediction
 from wrist_ft_comp.node import raw_wrench
 from wrist_ft_comp.node.raw_wrench import Counts, WrenchInput
 from wrist_ft_comp.ros.topics import wrench_message
@@ -115,34 +115,41 @@ LOOKED_AT = {
 }  # fmt: skip
 
 
+class Watched:
+    """The part that looks at raw wrenches, beside a fake hub, with a clock and a compensator."""
+
+    def __init__(self, fake_hub, monkeypatch):
+        self.counts, self.stream, self.now_s = Counts(), Compensator(1), 0.0
+        self.part = WrenchInput(self.counts, self.stream)
+        self.hub = fake_hub(self.part)
+        clock = SimpleNamespace(monotonic=lambda: self.now_s)
+        monkeypatch.setattr(raw_wrench, 'time', clock)
+
+    def send(self, stamp, wrench, arrival=0):
+        """Let a wrench come, of the time of its arrival where it has no stamp."""
+        data = serialize_message(wrench_message(stamp, self.hub.frame, wrench))
+        self.counts.before = self.counts.newest
+        self.counts.newest = stamp or arrival, list(wrench), data
+        self.counts.wrenches += 1
+
+
+@pytest.fixture
+def watched(ros_domain, fake_hub, monkeypatch):  # noqa: ARG001
+    return Watched(fake_hub, monkeypatch)
+
+
 @pytest.mark.parametrize('name', LOOKED_AT)
-def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # noqa: ARG001
+def test_what_the_newest_wrenches_show_is_said(watched, name):
     wrenches, stamps, frame, level, words = LOOKED_AT[name]
-    counts = Counts()
-    model = SimpleNamespace(axes={'force_z': 1})
-    part = WrenchInput(
-        counts,
-        SimpleNamespace(
-            model=model,
-            compensation=no_drift(),
-            tare=0.0,
-            tared=False,
-            zero_doubts=['some'],
-            tracker=SimpleNamespace(temperature_c=None),
-        ),
-    )
-    hub = fake_hub(part)
+    part, hub = watched.part, watched.hub
+    watched.stream.tracker.model = SimpleNamespace(axes={'force_z': 1})
     hub.types['/wrench_raw'] = [WRENCH] * (2 if name == 'two drivers' else 1)
     hub.types['/driver/drift'], hub.types['/a/wrist_ft_comp/drift'] = [], [WRENCH]
     hub.publisher = '/a/wrist_ft_comp' if name == 'a chain' else '/driver'
-    part.start()
     for k, (wrench, stamp) in enumerate(zip(wrenches, stamps.tolist(), strict=False)):
         by_turns = frame.split(' or ')
         hub.frame = by_turns[k % len(by_turns)] if k >= 10 else 'tool0'
-        message = wrench_message(stamp, hub.frame, wrench)
-        counts.before = counts.newest
-        counts.newest = stamp or START + k, list(wrench), serialize_message(message)
-        counts.wrenches += 1
+        watched.send(stamp, wrench, START + k)
         if k % len(by_turns):
             continue  # every look meets the same one of two
         for _ in range(3):  # looks without a new wrench do not count
@@ -151,7 +158,6 @@ def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # n
     assert (found.level, words in found.message) == (level, True), found.message
 
 
-@pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize(
     ('stamped_s', 'looks', 'expected'),
     [
@@ -159,34 +165,27 @@ def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # n
         (20, 0, (0, 0)), ('first', 40, (1, 0)), ('first, not tared', 40, (0, 0)),
     ],
 )  # fmt: skip
-def test_a_silent_sensor_may_have_another_zero(fake_hub, monkeypatch, stamped_s, looks, expected):
+def test_a_silent_sensor_may_have_another_zero(watched, stamped_s, looks, expected):
     """
     A simulation that was held up goes on with the next stamp; a node may be held up itself.
 
     A tare from before a restart is in doubt where the first wrench comes late.
     """
-    clock, counts, said = [0.0], Counts(), []
-    monkeypatch.setattr(raw_wrench, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
-    stream = SimpleNamespace(
-        doubt_zero=said.append, compensation=no_drift(), tare=RAW, zero_doubts=['some'],
-        tared=stamped_s != 'first, not tared',
-    )  # fmt: skip
-    part = WrenchInput(counts, stream)
-    fake_hub(part)
+    if stamped_s != 'first, not tared':
+        watched.stream.set_tare(RAW, START)
     first = isinstance(stamped_s, str)
     for at_s, stamp_s in [(20, 0)] if first else ((0, 0), (1, 1), (21, 1 + stamped_s)):
-        for look_s in np.linspace(clock[0], at_s, looks, endpoint=False):
-            clock[0] = look_s
-            part.poll()
-        clock[0], stamp = float(at_s), START + stamp_s * SECOND
-        counts.newest = stamp, RAW, serialize_message(wrench_message(stamp, 'tool0', RAW))
-        counts.wrenches += 1
-        part.poll()
-    assert (len(said), part.stamps.leapt) == expected
+        for look_s in np.linspace(watched.now_s, at_s, looks, endpoint=False):
+            watched.now_s = look_s
+            watched.part.poll()
+        watched.now_s = float(at_s)
+        watched.send(START + stamp_s * SECOND, RAW)
+        watched.part.poll()
+    said = watched.stream.zero_doubts
+    assert (len(said), watched.part.stamps.leapt) == expected
     assert all('unusable ones, came for 20 s' in doubt for doubt in said)
 
 
-@pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize(
     ('at_tare', 'times_s', 'said'),
     [
@@ -198,66 +197,49 @@ def test_a_silent_sensor_may_have_another_zero(fake_hub, monkeypatch, stamped_s,
     ],
     ids=['well', 'zeros', 'nothing', 'switched on', 'simulated', 'clock set', 'full'],
 )  # fmt: skip
-def test_what_begins_after_a_tare_is_not_zeroed_by_it(
-    fake_hub, monkeypatch, at_tare, times_s, said
-):
+def test_what_begins_after_a_tare_is_not_zeroed_by_it(watched, at_tare, times_s, said):
     """Two stamps and a pause: what begins anew without one is a counter that is full."""
-    (*stamps_s, pause_s), clock, counts, stream = times_s, [0.0], Counts(), Compensator(1)
-    monkeypatch.setattr(raw_wrench, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
-    part = WrenchInput(counts, stream)
-    fake_hub(part)
-    part.hub.values['use_sim_time'] = pause_s is None
-    stream.set_tare(at_tare, stamps_s[0] * SECOND)
-    for stamp_ns in (stamp_s * SECOND for stamp_s in stamps_s):
-        clock[0] += pause_s or 2.0
-        data = serialize_message(wrench_message(stamp_ns, 'tool0', RAW))
-        counts.newest, counts.wrenches = (stamp_ns, RAW.tolist(), data), counts.wrenches + 1
-        part.poll()
-    assert [why.startswith(said) for why in stream.zero_doubts] == ([True] if said else [])
+    *stamps_s, pause_s = times_s
+    watched.hub.values['use_sim_time'] = pause_s is None
+    watched.stream.set_tare(at_tare, stamps_s[0] * SECOND)
+    for stamp_s in stamps_s:
+        watched.now_s += pause_s or 2.0
+        watched.send(stamp_s * SECOND, RAW)
+        watched.part.poll()
+    doubts = watched.stream.zero_doubts
+    assert [why.startswith(said) for why in doubts] == ([True] if said else [])
 
 
-@pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize(
     ('lasts_s', 'simulated', 'said'), [(0.5, False, 0), (2.0, False, 1), (2.0, True, 0)]
 )
 @pytest.mark.parametrize('sent', [0.0, math.nan, [math.nan, 2.0, 30.0, 0.1, 0.2, 0.3]])
-def test_a_sensor_that_sent_nothing_sound_may_have_begun_anew(  # noqa: PLR0913, PLR0917
-    fake_hub, monkeypatch, sent, lasts_s, simulated, said
+def test_a_sensor_that_sent_nothing_sound_may_have_begun_anew(
+    watched, sent, lasts_s, simulated, said
 ):
-    clock, counts, stream = [10.0], Counts(), Compensator(1)
-    monkeypatch.setattr(raw_wrench, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
-    part = WrenchInput(counts, stream)
-    fake_hub(part)
-    part.hub.values['use_sim_time'] = bool(simulated)
-    stream.set_tare(RAW, START)
+    watched.hub.values['use_sim_time'] = simulated
+    watched.stream.set_tare(RAW, START)
     for k, at_s in enumerate(np.arange(10.0, 20.0, 0.1)):
-        clock[0], stamp = float(at_s), START + k * SECOND // 10
+        watched.now_s = float(at_s)
         is_odd = 12.0 <= at_s < 12.0 + lasts_s or 15.0 <= at_s < 15.0 + 1.5 * lasts_s
         reading = np.full(6, 1.0) * sent if is_odd else RAW + k / 1000
-        if part.admits(reading.tolist()):
-            data = serialize_message(wrench_message(stamp, 'tool0', reading))
-            counts.newest, counts.wrenches = (stamp, reading.tolist(), data), counts.wrenches + 1
-        part.poll()
+        if watched.part.admits(reading.tolist()):
+            watched.send(START + k * SECOND // 10, reading)
+        watched.part.poll()
     said = (said or lasts_s > 1) if np.isnan(sent).all() else said and np.size(sent) == 1
-    assert [f'came for {lasts_s:.0f} s: if the' in why for why in stream.zero_doubts] == [
-        True
-    ] * said
+    found = [f'came for {lasts_s:.0f} s: if the' in why for why in watched.stream.zero_doubts]
+    assert found == [True] * said
 
 
-@pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize('doubts', [[], ['the tare is wrong; call ~/tare']])
-def test_a_zero_that_another_program_sets_is_doubted_but_no_wrong_tare(fake_hub, doubts):
-    counts, stream, rng = Counts(), Compensator(1), np.random.default_rng(0)
-    part = WrenchInput(counts, stream)
-    fake_hub(part)
+def test_a_zero_that_another_program_sets_is_doubted_but_no_wrong_tare(watched, doubts):
+    stream, rng = watched.stream, np.random.default_rng(0)
     stream.set_tare(RAW, START)
     for doubt in doubts:
         stream.doubt_zero(doubt)
     for k in range(80):
-        reading = RAW * (k < 40) + rng.normal(0, 0.01, 6)
-        data = serialize_message(wrench_message(START + k, 'tool0', reading))
-        counts.newest, counts.wrenches = (START + k, reading.tolist(), data), k + 1
-        part.poll()
+        watched.send(START + k, RAW * (k < 40) + rng.normal(0, 0.01, 6))
+        watched.part.poll()
     found = [doubt.startswith('the raw wrench jumped to zero') for doubt in stream.zero_doubts]
     assert found == ([False] if doubts else [True])
 

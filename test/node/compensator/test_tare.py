@@ -26,8 +26,7 @@ def begin(node):
 def tare(node, stamps=STAMPS, wrenches=WRENCHES):
     answers = begin(node)
     node.stream(stamps, wrenches)
-    node.wait_until(lambda: not answers.empty(), 'the answer')
-    return answers.get()
+    return node.answered(answers)
 
 
 def test_a_tare_answers_with_the_offset_and_reads_zero_after(rig):
@@ -82,13 +81,11 @@ def test_a_tare_is_of_the_mean_drift_of_its_time(rig):
 
 
 def test_a_tare_over_a_change_of_the_model_is_refused(rig):
-    node, stream = (one := rig()), one.node.compensator
+    node = rig()
     answers = begin(node)
-    stream.tracker.model = object()
-    for k, stamp in enumerate(STAMPS):
-        node.ask_output(int(stamp), WRENCHES[k])
-    node.wait_until(lambda: not answers.empty(), 'the answer')
-    assert 'The model was changed, or its drift began' in answers.get().message
+    node.node.compensator.tracker.model = object()
+    node.stream(STAMPS, WRENCHES)
+    assert 'The model was changed, or its drift began' in node.answered(answers).message
 
 
 @pytest.mark.parametrize(
