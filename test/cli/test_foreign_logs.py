@@ -60,14 +60,9 @@ def logs(tmp_path, monkeypatch):
 GIVEN = ['--columns', 'stamp=time,force_z=fz:kN,temperature_c=temp:F']
 
 
-def commands(shown):
-    """What show proposes to run, as words behind the program's name."""
-    return [shlex.split(line)[1:] for line in re.findall(r'(wrist_ft_comp (?:cal|ev).*)', shown)]
-
-
 def proposed(shown):
-    """The map that show proposes, and the form of times."""
-    words = commands(shown)[0]
+    """The map that show proposes for a calibration, and the form of times."""
+    words = shlex.split(re.search('wrist_ft_comp calibrate .*', shown)[0])
     time = words[words.index('--time') + 1] if '--time' in words else ''
     return words[words.index('--columns') + 1], time
 

@@ -13,10 +13,9 @@ ORDERS = [
     Orders(0, 1, 0, direct=True), Orders(1, 1, 0, direct=True), Orders(1, 1, 0), Orders(2, 2, 0),
     Orders(2, 2, 1), Orders(3, 2, 0, direct=True), Orders(1, 3, 3), Orders(2, 1, 4, direct=True),
 ]  # fmt: skip
-every_order = pytest.mark.parametrize('orders', ORDERS, ids=str)
 
 
-@every_order
+@pytest.mark.parametrize('orders', ORDERS, ids=str)
 def test_recordings_with_different_offsets_and_gaps_are_fitted_together(orders):
     rng = np.random.default_rng([0, orders.n, orders.m, orders.d])
     a = np.atleast_1d(np.poly(rng.uniform(0.3, 0.9, orders.n)))[1:]

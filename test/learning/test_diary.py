@@ -35,14 +35,6 @@ def test_no_day_is_forgotten_because_the_sensor_changed_later():
     assert good_days(entries) == entries[5:], 'other thermometers are of another sensor'
 
 
-def test_days_are_listed_oldest_first_and_a_person_s_day_1_is_none(tmp_path):
-    assert days(tmp_path) == []
-    (tmp_path / 'days').mkdir()
-    for name in ('day_00010.csv', 'day_00009.csv', 'day_1.csv', 'day_00011.csv~', 'diary.json'):
-        (tmp_path / 'days' / name).touch()
-    assert [path.name for path in days(tmp_path)] == ['day_00009.csv', 'day_00010.csv']
-
-
 @pytest.fixture
 def recorded(tmp_path):
     """Six recordings of 1 MB, and their diary: only the first had its temperatures alone."""

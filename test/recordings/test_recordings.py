@@ -112,18 +112,3 @@ def test_a_bare_file_may_be_rewritten_into_a_bare_file(make_bag, storage, suffix
     rewrite_recording(source, target, halve, output_topic='cleaned')
     assert target.is_file()
     assert len(raw_messages(target)['/cleaned']) == 200
-
-
-@pytest.fixture(params=['sqlite3', 'mcap', 'csv'])
-def source(request, make_bag, make_csv):
-    return make_csv(CSV) if request.param == 'csv' else make_bag(request.param, count=200)
-
-
-def test_a_failure_leaves_nothing_half_written(source, tmp_path):
-    def fail(*_):
-        raise ZeroDivisionError
-
-    before = sorted(tmp_path.rglob('*'))
-    with pytest.raises(ZeroDivisionError):
-        rewrite_recording(source, tmp_path / 'out', fail)
-    assert sorted(tmp_path.rglob('*')) == before

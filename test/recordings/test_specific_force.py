@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.channels import GRAVITY
-from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file
 from wrist_ft_comp.recordings.read import read_recording
@@ -159,5 +159,3 @@ def test_a_bag_without_the_direction_of_gravity_is_refused(robot, messages):
         path = robot.write(*parts, name=f'bag{n}')
         with pytest.raises(RecordingError, match=sentence):
             read_recording(path, topics=BY_TF)
-    with pytest.raises(SettingsError, match='not from both'):
-        Topics(imu='/imu', gravity_frame='world')

@@ -110,7 +110,7 @@ FORMS = {
     'comments': '# cell 3\n' + lines(above='% new\nt,Fz,T\n// begin'),
     'numpy.savetxt': lines(' ', above='# t,Fz,T\n#\n# begin'),
     'units and statistics': lines(above='"TOA5","CR1000"\nt,Fz,T\nTS,N,Deg C\n,Avg,Smp'),
-    'missing ones': lines() + '6,NaN,N/A\n7,-,---\n8,null,\n,,\n\n',
+    'missing ones': lines() + '6,NaN,N/A\n7,-,---\n8,null,\n9, ,  \n,,\n\n',
     'a repeated header': lines() + 't,Fz,T\n\n',
     'a text column': 't,Fz,note,T\n' + ''.join(
         f'{t},{force},"{note}",{reading}\n'
@@ -163,20 +163,6 @@ def test_what_a_missing_library_reads_is_a_sentence(make_csv, monkeypatch, name,
     remedy = f"cannot be read by {library} .* 'pip install {library}' if"
     with pytest.raises(RecordingError, match=remedy):
         all_samples(make_csv(b'PK', name))
-
-
-def test_empty_cells_are_no_samples_wherever_they_are(make_csv):
-    path = make_csv(
-        'stamp_ns,force_x,force_y,temperature_c,temperature_2_c,reference_force_x,note\n'
-        '1,1,2,20, ,,a\n2,3,4,,,,b\n3,5,,21,30,,c\n4,,6,,,,d\n'
-    )
-    assert all_samples(path)[0] == {
-        'force_x': ([1, 2, 3], [1.0, 3.0, 5.0]),
-        'force_y': ([1, 2, 4], [2.0, 4.0, 6.0]),
-        'temperature_c': ([1, 3], [20.0, 21.0]),
-        'temperature_2_c': ([3], [30.0]),
-        'reference_force_x': ([], []),
-    }
 
 
 def test_rows_of_one_stamp_are_one_sample(make_csv):

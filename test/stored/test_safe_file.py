@@ -125,7 +125,10 @@ READERS = {
 BROKEN = [
     b'', b'{', b'{}', b'[]', b'[[]]', b'3', b'nul', b'null', b'"a.yaml"', b'\xff\xfe', b'\x00',
     b'[' * 100_000, b'{"format":' * 50_000, b'9' * 100_000, b'[null' + b',null' * 10**6 + b']',
-    b'{"format": "other"}', b'{"format": NaN}', b'{"format": 1e999}',
+    b'{"format": "other"}', b'{"format": NaN}', b'{"format": 1e999}', bytes(range(256)),
+    b'just text', b'- 1\n- 2\n', b'a: [1, 2', b'a: !!python/object/apply:os.system [true]',
+    b'? [1]\n: 2', b'a: !!timestamp soon', b'a: !!bool maybe', b'a: !!int ""', b'a: !!float x',
+    b'a: !!binary "."', b'a: 2024-13-45', b'a: ' + b'9' * 10_000,
 ]  # fmt: skip
 
 
