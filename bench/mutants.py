@@ -23,7 +23,7 @@ from wrist_ft_comp import ONE_THREAD
 #: Rooms, and the tests beside their own that go through a door to what only that door shows. None
 #: of a node: mutmut forks, and a fork that has DDS in it aborts, whatever the tests say.
 ROOMS = {
-    'drift': 'stream/test_compensator.py stream/test_thermometer_faults.py '
+    'drift': 'stream/test_compensator.py stream/test_failed_thermometers.py '
     'stored/test_model_file.py fit/test_identification.py cli/test_sensor.py',
     'stream': 'test_gaps.py recordings/test_recordings.py report/test_evaluation.py '
     'cli/test_bad_recordings.py cli/test_foreign_logs.py',

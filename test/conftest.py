@@ -19,7 +19,9 @@ from wrist_ft_comp.channels import AXES, FORCE_CHANNELS
 from wrist_ft_comp.drift.arx_pls import Arx, ArxPls
 from wrist_ft_comp.drift.drift_model import AxisModel, DriftModel
 from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.stored.model_file import save_model
 
 # Machines are shared and noisy: no test fails because it took long.
 settings.register_profile('shared', deadline=None)
@@ -31,9 +33,9 @@ collect_ignore = [] if find_spec('rclpy') else ['node']
 LONGEST = (
     'test_tutorial', 'test_benches', 'test_separation', 'test_at_work', 'test_bad_recordings',
     'test_show_bag', 'test_readme', 'test_calibrate', 'test_browser',
-    'test_page', 'test_learning_job', 'test_model_choice', 'test_model_file', 'test_compensate',
-    'test_payload', 'test_main', 'test_fleet', 'test_bag_recording', 'test_gaps', 'test_truth',
-    'test_identification', 'test_thermometer_faults',
+    'test_html_page', 'test_learning_job', 'test_model_choice', 'test_model_file',
+    'test_compensate', 'test_payload', 'test_main', 'test_fleet', 'test_bag_recording',
+    'test_gaps', 'test_truth', 'test_identification', 'test_failed_thermometers',
 )  # fmt: skip
 
 
@@ -254,6 +256,21 @@ def make_model():
         return DriftModel(round(period_s * 1e9), thermometers, made, prediction=prediction)
 
     return make
+
+
+@pytest.fixture(scope='session')
+def save():
+    """Save a model that was made by hand, as a calibration is saved."""
+
+    def save_by_hand(path, model, range_c=(-50.0, 150.0), calibrated=()):
+        fits = {
+            axis: AxisFit(model.axes.get(axis), 'by hand', (), 1.0, 0.1, 0.1, (1.0,))
+            for axis in calibrated or model.axes
+        }
+        ranges_c = np.tile(range_c, (model.thermometers, 1))
+        return save_model(path, Calibration(model, fits, ranges_c, 3600.0, ()), {})
+
+    return save_by_hand
 
 
 class Messages:

@@ -2,15 +2,13 @@
 
 import ast
 from functools import cache
-from itertools import chain, pairwise
+from itertools import chain
 from pathlib import Path
 import re
 import shlex
 
 import pytest
 import yaml
-
-from wrist_ft_comp.wire.temperature_source import parse_source
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ('.', 'docs', 'data/keller_pa10', '.github/ISSUE_TEMPLATE')
@@ -83,16 +81,6 @@ def test_commands_stand_in_documents_that_are_walked(document):
     walks = ''.join(path.read_text('utf-8') for path in ROOT.glob('test/node/documents/test_*.py'))
     name = document.relative_to(ROOT).as_posix()
     assert not commands(document) or f"'{name}'" in walks
-
-
-@every_document
-def test_thermometers_of_commands_can_be_parsed(document):
-    for words in commands(document):
-        after = dict(pairwise(words))
-        values = [word.partition(':=')[2] for word in words if word[:19] == 'temperature_topics:']
-        entries = [entry for value in values for entry in yaml.safe_load(value)]
-        for entry in [*entries, *filter(None, [after.get('--temperature-topic')])]:
-            assert parse_source(entry).topic == entry.partition(':')[0]
 
 
 def with_holes(node):

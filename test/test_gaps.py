@@ -11,8 +11,7 @@ import pytest
 
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.drift.drift_model import ThermometerPrediction
-from wrist_ft_comp.fit.result import AxisFit, Calibration
-from wrist_ft_comp.stored.model_file import load_model, save_model
+from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream import failed_thermometers
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -31,18 +30,13 @@ FOLLOWS = StreamSettings(max_drift_n=1e6, max_drift_rate_n_s=1e6)
 
 
 @pytest.fixture(scope='module')
-def write_model(make_model, tmp_path_factory):
+def write_model(make_model, save, tmp_path_factory):
     """Write a model of two thermometers, force z, with a time constant, s."""
 
     def write(time_constant_s):
         axes = {'force_z': (2.0, 0.0, time_constant_s)}
-        model = make_model(axes, thermometers=2, prediction=ALIKE)
-        model = replace(model, start_s=3.0)
-        fits = {'force_z': AxisFit(model.axes['force_z'], 'by hand', (), 1.0, 0.1, 0.1, (1.0,))}
-        path = tmp_path_factory.mktemp('gaps') / 'model.yaml'
-        ranges = np.tile((-50.0, 150.0), (2, 1))
-        save_model(path, Calibration(model, fits, ranges, 3600.0, ()), {})
-        return path
+        model = replace(make_model(axes, thermometers=2, prediction=ALIKE), start_s=3.0)
+        return save(tmp_path_factory.mktemp('gaps') / 'model.yaml', model).path
 
     return write
 

@@ -10,13 +10,12 @@ import pytest
 
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.drift.drift_model import run_from_rest
-from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs import job_main
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
 from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
 from wrist_ft_comp.learning.diary import diary_path, load_diary
-from wrist_ft_comp.stored.model_file import load_model, save_model
+from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
 
 QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))
@@ -169,12 +168,10 @@ def test_a_better_model_outlives_broken_payloads_and_a_diary_that_is_none(own_da
 
 
 @pytest.mark.parametrize(('pause_s', 'rests'), [(0, False), (3 * 3600, True)])
-def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pause_s, rests):
+def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, save, pause_s, rests):
     """A sensor that lags by 20 min is hot when its day is cut: the file does not begin at rest."""
     model = make_model({'force_z': (1.0, 0.0, 1200.0)}, period_s=PERIOD_S)
-    fits = {'force_z': AxisFit(model.axes['force_z'], 'by hand', (), 1.0, 0.1, 0.1, (1.0,))}
-    calibration = Calibration(model, fits, np.array([[0.0, 90.0]]), 3600.0, ())
-    live = save_model(tmp_path / 'models/live.yaml', calibration)
+    live = save(tmp_path / 'models/live.yaml', model)
     warm = 20 + 20 * (1 - np.exp(-np.arange(2 * CELLS) / 60))
     drift = run_from_rest(model, warm[:, np.newaxis])[1].zero[:, 2]
     for number, part in ((1, slice(CELLS)), (2, slice(CELLS, None))):

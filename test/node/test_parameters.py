@@ -90,14 +90,3 @@ def test_bad_change_at_run_time_is_refused_and_changes_nothing(make, name, value
     assert not result.successful
     assert word in result.reason
     assert node.table.values() == DEFAULTS
-
-
-def test_describe_shows_unit_range_and_time_of_change(make):
-    descriptors = make().describe_parameters([row.name for row in TABLE])
-    shown = {d.name: d for d in descriptors}
-    assert shown['speed'].description == 'How fast. Unit: m/s. May change at run time.'
-    assert 'at least' in shown['positive'].additional_constraints
-    assert 'from 1 to 9' in shown['count'].additional_constraints
-    assert 'slow, fast' in shown['mode'].additional_constraints
-    assert shown['files'].type == RosParameter.Type.STRING_ARRAY.value
-    assert [d.name for d in descriptors if d.read_only] == ['label', 'files']

@@ -5,13 +5,23 @@ It knows what the package uses, and is as strict as pybind11 about types. Errors
 Python as RuntimeError.
 """
 
-from dataclasses import dataclass, field
+from collections import namedtuple
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
 from rosbags import rosbag2
 
-_MODES = {'NONE': 'none', 'FILE': 'file', 'MESSAGE': 'message'}
+ConverterOptions = namedtuple('ConverterOptions', 'input_format output_format')
+StorageFilter = namedtuple('StorageFilter', 'topics')
+TopicMetadata = namedtuple(
+    'TopicMetadata',
+    'id name type serialization_format offered_qos_profiles type_description_hash',
+)
+CompressionOptions = namedtuple(
+    'CompressionOptions',
+    'compression_format compression_mode compression_queue_size compression_threads',
+)
 
 
 @dataclass
@@ -24,37 +34,8 @@ class StorageOptions:
         assert self.storage_id in {'', 'mcap', 'sqlite3'}
 
 
-@dataclass
-class ConverterOptions:
-    input_serialization_format: str = ''
-    output_serialization_format: str = ''
-
-
-@dataclass
-class StorageFilter:
-    topics: list = field(default_factory=list)
-
-
-@dataclass
-class TopicMetadata:
-    id: int
-    name: str
-    type: str
-    serialization_format: str
-    offered_qos_profiles: list = field(default_factory=list)
-    type_description_hash: str = ''
-
-
 def compression_mode_from_string(text):
-    return _MODES[text]
-
-
-@dataclass
-class CompressionOptions:
-    compression_format: str = ''
-    compression_mode: str = 'none'
-    compression_queue_size: int = 1
-    compression_threads: int = 0
+    return {'NONE': 'none', 'FILE': 'file', 'MESSAGE': 'message'}[text]
 
 
 class SequentialReader:
@@ -133,7 +114,7 @@ class SequentialCompressionReader(SequentialReader):
 class SequentialWriter:
     """Writes into a folder that must not be there yet."""
 
-    _options = CompressionOptions()
+    _options = CompressionOptions('', 'none', 1, 0)
 
     def open(self, storage_options, converter_options):
         assert isinstance(converter_options, ConverterOptions)

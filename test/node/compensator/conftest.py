@@ -23,12 +23,10 @@ from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.ros.diagnostics import Status
 from wrist_ft_comp.ros.topics import wrench_message
-from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stream.compensator import StreamSettings
 
 #: Shorter than the node's own, for the tests' sake.
@@ -309,19 +307,13 @@ def haste(monkeypatch):
 
 
 @pytest.fixture
-def make_model(make_model, tmp_path):
+def make_model(make_model, save, tmp_path):
     """Write a model's file, below data/models when only a name is given; it may be without lag."""
 
     def make(name, axes=None, calibrated=AXES, **more):
         range_c = more.setdefault('range_c', (-50.0, 150.0))
         gains = {'force_z': (2.0, 0.0, 0.0)} if axes is None else axes
         model = make_model({a: (o, s, tau or 1e-9) for a, (o, s, tau) in gains.items()}, **more)
-        fits = {
-            axis: AxisFit(model.axes.get(axis), 'by hand', (), 1.0, 0.1, 0.1, (1.0,))
-            for axis in calibrated
-        }
-        ranges = np.tile(range_c, (model.thermometers, 1))
-        path = tmp_path / 'data/models' / name
-        return save_model(path, Calibration(model, fits, ranges, 3600.0, ()), {})
+        return save(tmp_path / 'data/models' / name, model, range_c, calibrated)
 
     return make

@@ -147,13 +147,6 @@ def test_a_field_over_dds_moves_the_drift_and_wakes_no_executor(wired, make_mode
     node.diagnosis('temperature', lambda status: status.values.get('thermometer_1_c') == '23.00')
 
 
-def test_without_a_header_the_time_of_arrival_is_taken_and_shown(rig):
-    node = rig(topics=['heat:data[0]'])
-    node.node.inputs.take(0, None, 21.0)
-    assert node.node.inputs._stamp_ns > START
-    assert 'stamp' not in node.diagnosis('temperature').message
-
-
 def test_a_misspelt_topic_is_named_and_the_one_that_is_probably_meant(rig, driver):
     node, other = rig(topics=['heat', 'state:data[0]']), driver()
     there = {'wrench_row': WrenchStamped, 'temperature': Temperature, 'stat': JointState}

@@ -18,8 +18,13 @@ def test_every_parameter_is_described(rig):
     for row, descriptor in zip(PARAMETERS, shown, strict=True):
         assert len(descriptor.description.split()) > 3
         assert descriptor.read_only == row.read_only
+        assert ('May change at run time' in descriptor.description) != row.read_only
         if row.element_type is float:
             assert row.unit
+            assert f'Unit: {row.unit}.' in descriptor.description
+    constraints = {descriptor.name: descriptor.additional_constraints for descriptor in shown}
+    assert 'off, propose, auto' in constraints['learning.mode']
+    assert 'from 0 to' in constraints['max_drift']
 
 
 def test_the_list_of_parts_is_what_runs(rig):

@@ -1,14 +1,11 @@
 """What a node that learns does with what its job found, and what it says."""
 
-from types import SimpleNamespace
-
 from moments import OK, WARN
 import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.learning.diary import Memory
-from wrist_ft_comp.node.learner import Learner
 
 #: After all that was heard.
 LATE = 1_800_000_000 * 10**9
@@ -32,17 +29,8 @@ def models(make_model):
         ({'calibration.reference': 'constant'}, {}, WARN, 'they are constant and imu'),
     ],
 )
-def test_the_worst_is_said_first(fake_hub, tmp_path, chosen, state, level, words):  # noqa: PLR0913, PLR0917
-    given = {'learning.mode': 'propose', 'learning.max_mb': 50.0, 'gravity.source': 'imu'}
-    live = SimpleNamespace(
-        history=[], sha256=None, store=SimpleNamespace(directory=tmp_path),
-        writer=SimpleNamespace(put=lambda *_: None),
-    )  # fmt: skip
-    recording = SimpleNamespace(error=None)
-    recorder = SimpleNamespace(channels=(), sensor=dict, begin_recording=lambda *_: recording)
-    part = Learner(live=live, jobs=None, recorder=recorder)
-    fake_hub(part, **{**given, 'calibration.reference': 'payload', **chosen})
-    part.start()
+def test_the_worst_is_said_first(learner, chosen, state, level, words):
+    part = learner(**chosen).node.learning
     vars(part).update(state)
     (status,) = part.statuses()
     assert (status.level, words in status.message) == (level, True), status.message
