@@ -1,8 +1,7 @@
 """
 What the benches of accuracy share: seeds, errors of a judged day, and intervals.
 
-It is imported before numpy, which then uses one thread: small matrices in several threads would
-only wait for one another.
+It is imported before numpy, which then uses one thread: several would wait for one another.
 """
 
 import argparse

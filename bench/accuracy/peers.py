@@ -38,15 +38,9 @@ Features = Callable[[Day], tuple[FloatArray, IntArray]]
 
 def day_of(recording: Recording) -> Day:
     """Average a recording."""
-    cells = max(1, round(BLOCK_S / recording.period_s))
-    temperature_c, drift, load = (
-        block_means(part, cells)
-        for part in (
-            recording.temperature_c,
-            recording.wrench - recording.reference,
-            recording.reference,
-        )
-    )
+    cells, load = max(1, round(BLOCK_S / recording.period_s)), recording.reference
+    parts = recording.temperature_c, recording.wrench - load, load
+    temperature_c, drift, load = (block_means(part, cells) for part in parts)
     return Day(temperature_c, drift, load, cells * recording.period_s)
 
 

@@ -167,11 +167,9 @@ def read(
 ) -> FloatArray:
     """Read the thermometers, shape (N, J)."""
     columns = []
-    for node, tau_s, noise_k in zip(
-        thermometers.nodes, thermometers.lag_s, thermometers.noise_k, strict=True
-    ):
-        seen = lag(day[:, [node]], tau_s, night[-1, [node]])[:, 0]
-        noisy = seen + rng.normal(0, noise_k, len(seen))
+    for j, node in enumerate(thermometers.nodes):
+        seen = lag(day[:, [node]], thermometers.lag_s[j], night[-1, [node]])[:, 0]
+        noisy = seen + rng.normal(0, thermometers.noise_k[j], len(seen))
         columns.append(thermometers.quantum_k * np.round(noisy / thermometers.quantum_k))
     return np.stack(columns, axis=1)
 

@@ -5,7 +5,7 @@ The processes of the stream benchmark: sensors, receiver, and the relays a user 
 answer with one line of JSON each.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 import json
 import signal
@@ -119,6 +119,7 @@ class Receiver:
 
     def __init__(self, context: Any, namespaces: Sequence[str]) -> None:
         self._node: Any = Node('bench_receiver', context=context)
+        #: Stamps, and times of arrival.
         self._came: dict[str, list[tuple[bytes, int]]] = {name: [] for name in namespaces}
         self._counted: dict[str, dict[str, float]] = {name: {} for name in namespaces}
         self._calibrated: list[str] = []
@@ -126,15 +127,16 @@ class Receiver:
         self._external: dict[str, list[bytes]] = {name: [] for name in namespaces}
         profile: Any = QoSProfile
         deep = profile(depth=5000)
+        listen = partial(self._node.create_subscription, WrenchStamped, raw=True)
         for name, came in self._came.items():
-            for topic, hear in (
-                ('wrench', partial(_hear, came.append)),
-                ('wrench_external', self._external[name].append),
-            ):
-                name_of_topic = f'/{name}/{topic}'
-                self._node.create_subscription(WrenchStamped, name_of_topic, hear, deep, raw=True)
+            listen(f'/{name}/wrench', partial(self._hear, came), deep)
+            listen(f'/{name}/wrench_external', self._external[name].append, deep)
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._orders: list[str] = []
+
+    @staticmethod
+    def _hear(came: list[tuple[bytes, int]], data: bytes) -> None:
+        came.append((data[4:12], time.monotonic_ns()))
 
     def run(self, context: Any) -> None:
         """Obey ``take`` and ``calibrate NAMESPACE`` until standard input ends."""
@@ -176,11 +178,6 @@ class Receiver:
                     counted[key] = max(float(item.value), counted.get(key, 0.0))
 
 
-def _hear(keep: Callable[[tuple[bytes, int]], None], data: bytes) -> None:
-    """Keep stamp and time of arrival."""
-    keep((data[4:12], time.monotonic_ns()))
-
-
 def latencies(came: list[tuple[bytes, int]]) -> dict[str, Any]:
     """Compute latencies from the stamps, which pass through untouched, µs."""
     if not came:
@@ -202,19 +199,13 @@ def relay(context: Any, kind: str) -> None:
     )
     executor = EventsExecutor(context=context) if raw else SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    for _ in _until_signal():
+    ended = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: ended.set())
+    while not ended.is_set():
         executor.spin_once(timeout_sec=0.2)
     executor.shutdown()
     node.destroy_node()
-
-
-def _until_signal() -> Iterator[None]:
-    """Go on until SIGTERM or SIGINT."""
-    ended: list[int] = []
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda number, _: ended.append(number))
-    while not ended:
-        yield
 
 
 def main(role: str, *names: str) -> None:

@@ -58,7 +58,6 @@ from wrist_ft_comp.node import compensator_node
 compensator_node.StreamSettings = partial(
     compensator_node.StreamSettings, thermal_period_s={CELL_S:.1f}
 )
-
 """
 MASS_KG, CENTRE_M = 1.2, np.array([0.01, -0.02, 0.08])
 #: What is loaded: its name, what loads a path, and its pattern in the data directory.
@@ -254,9 +253,8 @@ def kill_learning(arguments: argparse.Namespace, folder: Path) -> bool:
         mode = 'propose' if number < arguments.kills / 2 else 'auto'
         given = f'learning.mode:={mode}', 'calibration.reference:=payload', 'gravity.source:=imu'
         aim = LEARNING_AIMS[number % len(LEARNING_AIMS)]
-        life_s = LONGEST_LEARNING_S
-        if not aim:
-            life_s = float(victim.rng.uniform(0.5, LONGEST_LEARNING_S / 2))
+        longest_s = LONGEST_LEARNING_S
+        life_s = longest_s if aim else float(victim.rng.uniform(0.5, longest_s / 2))
         with closing(Stand(data, *given, source=f'{HASTE}{FEW_LONG_DAYS}')) as stand:
             victim.live(stand, life_s, aim, busy_learning(stand))
         victim.check_files()
