@@ -38,16 +38,13 @@ CALIBRATE = ['calibrate', 'a.csv', '-o', 'm']
 COMPENSATE = ['compensate', 'm', 'a', '-o', 'o', '--output-topic']
 
 
-@pytest.mark.parametrize(
-    ('argv', 'words'),
-    [
-        ([], ['required']), (['compensate', 'm.yaml', 'a.csv'], ['--output']),
-        (['calibrat', 'a.csv'], ["invalid choice: 'calibrat' (choose from", 'calibrate']),
-        ([*CALIBRATE, '--refrence', 'unloaded'], ['unrecognized arguments: --refrence']),
-        ([*CALIBRATE, '--reference', 'felt'], ["'felt' (choose from", 'unloaded']),
-        *(([*COMPENSATE, name], ['--output-topic']) for name in ('a b', '', '1', 'a//b', 'ü')),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('argv', 'words'), [
+    ([], ['required']), (['compensate', 'm.yaml', 'a.csv'], ['--output']),
+    (['calibrat', 'a.csv'], ["invalid choice: 'calibrat' (choose from", 'calibrate']),
+    ([*CALIBRATE, '--refrence', 'unloaded'], ['unrecognized arguments: --refrence']),
+    ([*CALIBRATE, '--reference', 'felt'], ["'felt' (choose from", 'unloaded']),
+    *(([*COMPENSATE, name], ['--output-topic']) for name in ('a b', '', '1', 'a//b', 'ü')),
+])  # fmt: skip
 def test_wrong_usage_is_exit_code_2_and_names_what_was_expected(argv, words, run):
     outcome = run(*argv)
     assert (outcome.code, outcome.out) == (2, '')
@@ -84,20 +81,17 @@ def test_an_error_is_a_line_and_in_json(error, code, kind, sentence, run, drift_
     assert outcome.err.count('\n') == 1
 
 
-@pytest.mark.parametrize(
-    'case',
-    [
-        (['show', '/nowhere', '--json'], 1, 'recording'),
-        (['show', '{model}', '--picture', 'p.png', '--json'], 1, 'recording'),
-        (['evaluate', '{model}', '{csv}', '--report', '/dev/null', '--json'], 1, 'output'),
-        (['calibrate', '{csv}', '-o', 'm', '--thermal-p', '600', '--json'],
-         1, 'calibration_refused'),
-        (['calibrate', '{csv}', '-o', 'm', '--thermal-p', '0', '--json'], 1, 'settings'),
-        (['evaluate', '{model}', '{csv}', '--tare', '0', '--json'], 1, 'settings'),
-        (['compensate', '{model}', '{csv}', '-o', 'm', '--tare', 'nan', '--json'], 1, 'settings'),
-        (['show', '--json', '--picture'], 2, 'usage'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize('case', [
+    (['show', '/nowhere', '--json'], 1, 'recording'),
+    (['show', '{model}', '--picture', 'p.png', '--json'], 1, 'recording'),
+    (['evaluate', '{model}', '{csv}', '--report', '/dev/null', '--json'], 1, 'output'),
+    (['calibrate', '{csv}', '-o', 'm', '--thermal-p', '600', '--json'],
+     1, 'calibration_refused'),
+    (['calibrate', '{csv}', '-o', 'm', '--thermal-p', '0', '--json'], 1, 'settings'),
+    (['evaluate', '{model}', '{csv}', '--tare', '0', '--json'], 1, 'settings'),
+    (['compensate', '{model}', '{csv}', '-o', 'm', '--tare', 'nan', '--json'], 1, 'settings'),
+    (['show', '--json', '--picture'], 2, 'usage'),
+])  # fmt: skip
 def test_json_holds_an_error_too(case, run, drift_csv, model):
     argv, code, kind = case
     outcome = run(*(word.format(csv=drift_csv, model=model) for word in argv))

@@ -122,13 +122,9 @@ def commands(out):
     return [shlex.split(line) for line in out.splitlines()[-3:]]
 
 
-@pytest.mark.parametrize(
-    ('kind', 'storage', 'compression', 'words'),
-    [
-        ('bota_like', 'mcap', 'storage', BOTA_WORDS), ('ur_like', 'sqlite3', 'file', UR_WORDS),
-    ],
-    ids=['bota', 'ur'],
-)  # fmt: skip
+@pytest.mark.parametrize(('kind', 'storage', 'compression', 'words'), [
+    ('bota_like', 'mcap', 'storage', BOTA_WORDS), ('ur_like', 'sqlite3', 'file', UR_WORDS),
+], ids=['bota', 'ur'])  # fmt: skip
 def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PLR0917
     run, done, drivers, messages, tmp_path, monkeypatch, kind, storage, compression, words
 ):
@@ -266,15 +262,12 @@ def work(messages, by):
             yield '/tf', TF, at, messages.transforms(at, [link])
 
 
-@pytest.mark.parametrize(
-    ('by', 'words', 'parameters', 'said'),
-    [
-        ('imu', ['--imu-topic', '/ft/imu'], ['gravity.source:=imu', '-r', 'imu:=/ft/imu'],
-         'specific force of /ft/imu: gravity moved along'),
-        ('tf', ['--gravity-frame', 'world'], ['gravity.source:=tf', '-p', 'gravity.frame:=world'],
-         'specific force by TF, if z of world is up: gravity moved along'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('by', 'words', 'parameters', 'said'), [
+    ('imu', ['--imu-topic', '/ft/imu'], ['gravity.source:=imu', '-r', 'imu:=/ft/imu'],
+     'specific force of /ft/imu: gravity moved along'),
+    ('tf', ['--gravity-frame', 'world'], ['gravity.source:=tf', '-p', 'gravity.frame:=world'],
+     'specific force by TF, if z of world is up: gravity moved along'),
+])  # fmt: skip
 def test_a_robot_at_work_is_learnt_from_by_its_gravity(  # noqa: PLR0913, PLR0917
     done, messages, tmp_path, by, words, parameters, said
 ):

@@ -50,16 +50,13 @@ def changed(run, **change):
     return replace(run, **{k: f(getattr(run, k)) if callable(f) else f for k, f in change.items()})
 
 
-@pytest.mark.parametrize(
-    ('whose', 'change', 'sentence'),
-    [
-        ('both', {'wrench': lambda wrench: np.nan * wrench}, 'run0.csv, run1.csv holds no wrench'),
-        ('last', {'temperature_c': lambda t: np.tile(t, 2), 'measured': lambda m: np.tile(m, 2)},
-         'run0.csv has 1 thermometers and run1.csv has 2; they must be the same'),
-        ('last', {'period_ns': 2 * 10**10},
-         'run0.csv is on thermal cells of 10.0 s and run1.csv on 20.0'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('whose', 'change', 'sentence'), [
+    ('both', {'wrench': lambda wrench: np.nan * wrench}, 'run0.csv, run1.csv holds no wrench'),
+    ('last', {'temperature_c': lambda t: np.tile(t, 2), 'measured': lambda m: np.tile(m, 2)},
+     'run0.csv has 1 thermometers and run1.csv has 2; they must be the same'),
+    ('last', {'period_ns': 2 * 10**10},
+     'run0.csv is on thermal cells of 10.0 s and run1.csv on 20.0'),
+])  # fmt: skip
 def test_recordings_from_which_nothing_can_be_learnt_are_refused(good, whose, change, sentence):
     first = changed(good[0], **change) if whose == 'both' else good[0]
     with pytest.raises(CalibrationRefusedError, match=sentence):

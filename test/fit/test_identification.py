@@ -133,19 +133,16 @@ def test_hats_stand_on_the_plateaus():
         np.testing.assert_allclose(build_features([temperature_c], hats).knots_c[0], knots)
 
 
-@pytest.mark.parametrize(
-    ('change', 'sentence'),
-    [
-        ({'reference': 'none'}, "Unknown reference 'none'; .* unloaded, constant"),
-        *(({'min_temperature_span_k': k}, 'at least 0; got') for k in (-0.1, np.nan, np.inf)),
-        ({'method': 'magic'}, "Unknown method 'magic'; expected one of pcr"),
-        ({'features': 'hat'}, "Unknown features 'hat'"), ({'n': -1, 'm': 1}, '^n must'),
-        ({'n': 1, 'm': 0}, '^m must'), ({'n': 1, 'm': 1, 'd': -1}, '^d must'),
-        *(({'degree': n}, f'between 1 and 4; got {n}') for n in (0, 5, 2.5, np.nan)),
-        *(({'latents': n}, f'^latents must .* at least 1; got {n}') for n in (0, np.nan, np.inf)),
-        ({'latents': 3, 'orders': (Orders(1, 1, 0),) * 2}, 'of 2 latents do not fit 3 latents'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('change', 'sentence'), [
+    ({'reference': 'none'}, "Unknown reference 'none'; .* unloaded, constant"),
+    *(({'min_temperature_span_k': k}, 'at least 0; got') for k in (-0.1, np.nan, np.inf)),
+    ({'method': 'magic'}, "Unknown method 'magic'; expected one of pcr"),
+    ({'features': 'hat'}, "Unknown features 'hat'"), ({'n': -1, 'm': 1}, '^n must'),
+    ({'n': 1, 'm': 0}, '^m must'), ({'n': 1, 'm': 1, 'd': -1}, '^d must'),
+    *(({'degree': n}, f'between 1 and 4; got {n}') for n in (0, 5, 2.5, np.nan)),
+    *(({'latents': n}, f'^latents must .* at least 1; got {n}') for n in (0, np.nan, np.inf)),
+    ({'latents': 3, 'orders': (Orders(1, 1, 0),) * 2}, 'of 2 latents do not fit 3 latents'),
+])  # fmt: skip
 def test_settings_outside_their_range_are_refused(change, sentence):
     kind = CalibrationSettings if OF_CALIBRATION & set(change) else IdentificationSettings
     if 'n' in change:

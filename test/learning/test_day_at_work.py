@@ -33,18 +33,15 @@ def test_ordinary_days_and_the_day_after_another_tool_are_no_incidents(separated
     assert named(separated(10, **TOOL), [*before, changed]) == ('', '')
 
 
-@pytest.mark.parametrize(
-    ('properties', 'kind', 'said'),
-    [
-        ({'jump': 5.0}, 'zero', 'by 5, -5, 3, '),
-        ({'gain': 1.2}, 'sensor', 'weigh 1.20 times'),
-        ({'gain': 0.8, 'turned_deg': 40.0}, 'sensor', 'weigh 0.80 times what they did (1.20 kg'),
-        ({'noise': 0.2}, 'contacts', 'times that of the days before: noise'),
-        ({'turned_deg': 20.0}, 'sensor', 'turned by 20°'),
-        (TOOL, 'tool', '2.50 kg, before 1.5'),
-        ({'stopped': True}, 'thermometer', 'Thermometer 2 reads 19.8 °C all the time'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('properties', 'kind', 'said'), [
+    ({'jump': 5.0}, 'zero', 'by 5, -5, 3, '),
+    ({'gain': 1.2}, 'sensor', 'weigh 1.20 times'),
+    ({'gain': 0.8, 'turned_deg': 40.0}, 'sensor', 'weigh 0.80 times what they did (1.20 kg'),
+    ({'noise': 0.2}, 'contacts', 'times that of the days before: noise'),
+    ({'turned_deg': 20.0}, 'sensor', 'turned by 20°'),
+    (TOOL, 'tool', '2.50 kg, before 1.5'),
+    ({'stopped': True}, 'thermometer', 'Thermometer 2 reads 19.8 °C all the time'),
+])  # fmt: skip
 def test_an_incident_is_named_with_its_size(separated, before, properties, kind, said):
     found, sentence = named(separated(9, **properties), before)
     assert found == kind

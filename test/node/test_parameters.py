@@ -38,30 +38,24 @@ def set_parameter(node, name, value, type_=None):
     return node.set_parameters([RosParameter(name, type_, value)])[0]
 
 
-@pytest.mark.parametrize(
-    ('name', 'text', 'expected'),
-    [
-        ('count', '4', 4), ('mode', 'fast', 'fast'), ('speed', '400', 400.0),
-        ('levels', '0.25', (0.25,)), ('topics', "['']", ()),
-        ('files', '[a.csv, b.csv]', ('a.csv', 'b.csv')),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('name', 'text', 'expected'), [
+    ('count', '4', 4), ('mode', 'fast', 'fast'), ('speed', '400', 400.0),
+    ('levels', '0.25', (0.25,)), ('topics', "['']", ()),
+    ('files', '[a.csv, b.csv]', ('a.csv', 'b.csv')),
+])  # fmt: skip
 def test_values_are_taken_as_people_type_them(make, name, text, expected):
     value = make(f'{name}:={text}').table.values()[name]
     assert value == expected
     assert type(value) is type(expected)
 
 
-@pytest.mark.parametrize(
-    ('name', 'text', 'words'),
-    [
-        ('speed', 'quick', ["'quick'", 'a number from 0 to 1000 m/s', '-p speed:=VALUE']),
-        ('positive', '.nan', ['nan', 'at least 0 N']),
-        ('count', '10', ['10', 'an integer from 1 to 9']), ('flag', '1', ['1', 'true or false']),
-        ('mode', 'medium', ["'medium'", 'slow, fast']), ('label', '12', ['12', 'a string']),
-        ('levels', '[0.5, 1.5]', ['1.5', 'array', 'from 0 to 1']),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('name', 'text', 'words'), [
+    ('speed', 'quick', ["'quick'", 'a number from 0 to 1000 m/s', '-p speed:=VALUE']),
+    ('positive', '.nan', ['nan', 'at least 0 N']),
+    ('count', '10', ['10', 'an integer from 1 to 9']), ('flag', '1', ['1', 'true or false']),
+    ('mode', 'medium', ["'medium'", 'slow, fast']), ('label', '12', ['12', 'a string']),
+    ('levels', '[0.5, 1.5]', ['1.5', 'array', 'from 0 to 1']),
+])  # fmt: skip
 def test_bad_value_at_start_up_is_a_sentence(make, name, text, words):
     with pytest.raises(SettingsError, match=f'^Parameter {name} must be ') as refusal:
         make(f'{name}:={text}')
@@ -77,13 +71,10 @@ def test_change_at_run_time_is_accepted_and_converted(make):
     assert isinstance(node.get_parameter('speed').value, float)
 
 
-@pytest.mark.parametrize(
-    ('name', 'value', 'word'),
-    [
-        ('levels', [0.5, 2.0], 'from 0 to 1'), ('count', 'three', 'INTEGER'),
-        ('label', 'new', 'read-only'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('name', 'value', 'word'), [
+    ('levels', [0.5, 2.0], 'from 0 to 1'), ('count', 'three', 'INTEGER'),
+    ('label', 'new', 'read-only'),
+])  # fmt: skip
 def test_bad_change_at_run_time_is_refused_and_changes_nothing(make, name, value, word):
     node = make()
     result = set_parameter(node, name, value)

@@ -7,14 +7,10 @@ from scipy.spatial.transform import Rotation
 from wrist_ft_comp.payload.weight_check import WeightCheck
 
 
-@pytest.mark.parametrize(
-    ('gain', 'contact_n', 'words'),
-    [
-        (1.0, -10.0, ''), (2.0, 0.0, 'moves 2 times as much as the weight of tool'),
-        (0.0, 0.0, 'hardly moves with the weight of tool; is it mounted?'),
-    ],
-    ids=['the same contact in each cycle', 'another payload', 'an empty gripper'],
-)  # fmt: skip
+@pytest.mark.parametrize(('gain', 'contact_n', 'words'), [
+    (1.0, -10.0, ''), (2.0, 0.0, 'moves 2 times as much as the weight of tool'),
+    (0.0, 0.0, 'hardly moves with the weight of tool; is it mounted?'),
+], ids=['the same contact in each cycle', 'another payload', 'an empty gripper'])  # fmt: skip
 def test_between_two_poses_contact_is_no_turn_and_another_payload_is_found(gain, contact_n, words):
     check, rng = WeightCheck('tool'), np.random.default_rng(0)
     for second in np.arange(0.3, 200, 0.97):

@@ -33,18 +33,15 @@ def raw_messages(path):
     return topics
 
 
-@pytest.mark.parametrize(
-    ('name', 'content', 'sentence'),
-    [
-        ('nothing', None, 'nothing does not exist'), ('no.mcap', None, 'no.mcap does not exist'),
-        ('folder/notes.txt', b'x', 'folder is no bag: expected a folder with metadata.yaml'),
-        ('old.bag', b'', 'ROS 1 bag'), ('bag.db3.zstd', b'', 'name the folder'),
-        ('empty.csv', b'', 'empty.csv is empty'), ('a.db3', b'', 'a.db3 is empty'),
-        ('a.mcap', b'', 'a.mcap is empty'),
-        ('a.db3', b'not a database at all' * 100, 'a.db3 cannot be read as a bag'),
-        ('a.mcap', b'not a bag at all' * 100, 'a.mcap cannot be read as a bag.*magic'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('name', 'content', 'sentence'), [
+    ('nothing', None, 'nothing does not exist'), ('no.mcap', None, 'no.mcap does not exist'),
+    ('folder/notes.txt', b'x', 'folder is no bag: expected a folder with metadata.yaml'),
+    ('old.bag', b'', 'ROS 1 bag'), ('bag.db3.zstd', b'', 'name the folder'),
+    ('empty.csv', b'', 'empty.csv is empty'), ('a.db3', b'', 'a.db3 is empty'),
+    ('a.mcap', b'', 'a.mcap is empty'),
+    ('a.db3', b'not a database at all' * 100, 'a.db3 cannot be read as a bag'),
+    ('a.mcap', b'not a bag at all' * 100, 'a.mcap cannot be read as a bag.*magic'),
+])  # fmt: skip
 def test_a_path_that_is_no_recording_is_refused(tmp_path, name, content, sentence):
     path = tmp_path / name
     if content is not None:

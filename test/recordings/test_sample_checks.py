@@ -107,14 +107,11 @@ def test_speed_of_rotation_is_averaged_as_a_root_mean_square():
     np.testing.assert_allclose(recording.rotation_speed, [math.sqrt(12.5), 0.5, np.nan])
 
 
-@pytest.mark.parametrize(
-    ('force', 'seconds', 'doubt'),
-    [
-        (np.concatenate((POSES, [[30.0, 0, 0], [0, 0, 30.0]])), range(32), ''),
-        (POSES, [*range(15), *range(16, 31)], ''), (POSES / 9.5, range(30), ''),
-        (POSES[:, :2], range(30), 'Record all three of linear_acceleration'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('force', 'seconds', 'doubt'), [
+    (np.concatenate((POSES, [[30.0, 0, 0], [0, 0, 30.0]])), range(32), ''),
+    (POSES, [*range(15), *range(16, 31)], ''), (POSES / 9.5, range(30), ''),
+    (POSES[:, :2], range(30), 'Record all three of linear_acceleration'),
+])  # fmt: skip
 def test_specific_force_stays_as_measured_or_is_doubted_or_absent(force, seconds, doubt):
     block = Samples(FORCE_CHANNELS[: force.shape[1]], np.array(seconds) * SECOND, force)
     temperature = samples('temperature_c', *((s, 20.0) for s in range(32)))

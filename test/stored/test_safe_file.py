@@ -216,18 +216,15 @@ def test_a_record_comes_back_from_plain_values():
             from_plain(Sheet, {**PLAIN, 'share': known}, whole=True)
 
 
-@pytest.mark.parametrize(
-    ('change', 'sentence'),
-    [
-        ({'kind': 'c'}, 'kind must be one of a, b'), ({'share': '1'}, 'share must be a finite'),
-        ({'share': True}, 'share must be a finite'), ({'table': [[1.0], [1.0, 2.0]]}, 'length'),
-        ({'table': [1.0, None]}, 'table must be finite numbers'),
-        ({'table': [10**400]}, 'finite numbers'), ({'pairs': [{'number': 1.5}]}, 'pairs/0/number'),
-        ({'pairs': [{'text': 'x'}]}, 'named values with number'), ({'ends': [1.0]}, '2 values'),
-        ({'cells': [['1']]}, 'cells/0/0 must be an integer'), ({'by_name': {'x': 1}}, 'true or'),
-        ({'path': 'a\0b'}, 'path must be a path'), ({'more': 1}, 'must be without more'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('change', 'sentence'), [
+    ({'kind': 'c'}, 'kind must be one of a, b'), ({'share': '1'}, 'share must be a finite'),
+    ({'share': True}, 'share must be a finite'), ({'table': [[1.0], [1.0, 2.0]]}, 'length'),
+    ({'table': [1.0, None]}, 'table must be finite numbers'),
+    ({'table': [10**400]}, 'finite numbers'), ({'pairs': [{'number': 1.5}]}, 'pairs/0/number'),
+    ({'pairs': [{'text': 'x'}]}, 'named values with number'), ({'ends': [1.0]}, '2 values'),
+    ({'cells': [['1']]}, 'cells/0/0 must be an integer'), ({'by_name': {'x': 1}}, 'true or'),
+    ({'path': 'a\0b'}, 'path must be a path'), ({'more': 1}, 'must be without more'),
+])  # fmt: skip
 def test_values_of_another_type_are_named_with_their_place(change, sentence):
     with pytest.raises(ValueError, match=sentence):
         from_plain(Sheet, {**PLAIN, **change})

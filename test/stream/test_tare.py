@@ -39,13 +39,10 @@ def test_the_stretch_is_complete_after_its_duration_and_ten_steps(step_ns, waiti
     assert done == [False] * waiting + [True] * 2
 
 
-@pytest.mark.parametrize(
-    ('force', 'torque', 'moved'),
-    [
-        (1.0, 0.09, ''), (1.0, 0.11, 'torque_z moved by 0.11 N m while taring; at most 0.1 N m'),
-        (1.2, 0.09, 'force_x moved by 1.2 N while taring; at most 1 N'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('force', 'torque', 'moved'), [
+    (1.0, 0.09, ''), (1.0, 0.11, 'torque_z moved by 0.11 N m while taring; at most 0.1 N m'),
+    (1.2, 0.09, 'force_x moved by 1.2 N while taring; at most 1 N'),
+])  # fmt: skip
 def test_the_axis_that_moved_most_for_its_limit_is_named(force, torque, moved):
     wrenches = np.zeros((50, 6))
     wrenches[:20, [0, 5]] = np.repeat([[force, torque], [-force, -torque]], 10, axis=0)

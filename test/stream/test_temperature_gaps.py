@@ -190,14 +190,10 @@ def test_a_slow_model_behind_a_quick_one_is_doubted_as_far_as_alone(make_model):
     assert gap_doubts(both.tracker) == gap_doubts(alone.tracker) != []
 
 
-@pytest.mark.parametrize(
-    ('start_c', 'past_k_s', 'rate_k_s', 'is_said'),
-    [
-        (24.0, 0.0, 0.05, False), (24.0, 0.0, 0.0, False), (35.0, 0.05, 0.05, True),
-        (35.0, -0.05, -0.05, True), (35.0, 0.02, 0.0, True),
-    ],
-    ids=['switched on', 'rests', 'warms for long', 'cools', 'stands still, warm'],
-)  # fmt: skip
+@pytest.mark.parametrize(('start_c', 'past_k_s', 'rate_k_s', 'is_said'), [
+    (24.0, 0.0, 0.05, False), (24.0, 0.0, 0.0, False), (35.0, 0.05, 0.05, True),
+    (35.0, -0.05, -0.05, True), (35.0, 0.02, 0.0, True),
+], ids=['switched on', 'rests', 'warms for long', 'cools', 'stands still, warm'])  # fmt: skip
 def test_a_start_at_temperatures_that_move_is_doubted_as_far_as_it_may_be_wrong(
     make_model, start_c, past_k_s, rate_k_s, is_said
 ):

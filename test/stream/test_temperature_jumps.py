@@ -22,16 +22,12 @@ def counted(values_c, step_s=1.0):
     return [value_c for value_c, counts in zip(values_c, admitted, strict=True) if counts], spikes
 
 
-@pytest.mark.parametrize(
-    ('values_c', 'expected', 'dropped', 'jumps'),
-    [
-        ([85.0, 20.1, 20.2], [20.1, 20.2], 1, 0), ([85.0, 20.1, -40.0, 20.2], [20.1, 20.2], 2, 0),
-        ([22.3, 24.6, 26.9, 29.2, *[29.2] * 50], [29.2] * 19, 35, 1),
-        ([40.0] * 100, [40.0] * 11, 89, 1), ([85.0, 60.0, 60.1, 20.0], [20.0], 3, 0),
-        ([0.0] * 80 + [20.0], [20.0], 80, 0),
-    ],
-    ids=['a spike', 'two', 'a fast ramp', 'a step', 'a loose contact', 'a bus error'],
-)  # fmt: skip
+@pytest.mark.parametrize(('values_c', 'expected', 'dropped', 'jumps'), [
+    ([85.0, 20.1, 20.2], [20.1, 20.2], 1, 0), ([85.0, 20.1, -40.0, 20.2], [20.1, 20.2], 2, 0),
+    ([22.3, 24.6, 26.9, 29.2, *[29.2] * 50], [29.2] * 19, 35, 1),
+    ([40.0] * 100, [40.0] * 11, 89, 1), ([85.0, 60.0, 60.1, 20.0], [20.0], 3, 0),
+    ([0.0] * 80 + [20.0], [20.0], 80, 0),
+], ids=['a spike', 'two', 'a fast ramp', 'a step', 'a loose contact', 'a bus error'])  # fmt: skip
 def test_what_metal_cannot_have_gone_to_is_left_out(values_c, expected, dropped, jumps):
     found, spikes = counted(LONG + values_c)
     assert found == LONG + expected

@@ -49,18 +49,14 @@ def with_length(length):
     return lambda wrench: wrench[:12] + struct.pack('<I', length) + wrench[16:]
 
 
-@pytest.mark.parametrize(
-    ('change', 'sentence'),
-    [
-        (lambda _: b'', 'got 0 bytes'), (lambda _: b'\0\1\0\0abc', 'got 7 bytes'),
-        (lambda wrench: b'\7' + wrench[1:], 'encapsulation 00 00 or 00 01'),
-        (lambda wrench: b'\0\6' + wrench[2:], 'got 00 06'),
-        (with_length(10**6), 'frame_id.*1000000'), (with_length(20), 'Expected 84 bytes.*got 68'),
-        (lambda wrench: wrench[:-1], 'got 67'), (lambda wrench: wrench + b'\0', 'got 69'),
-        (lambda wrench: wrench[:-32], '6 doubles'),
-    ],
-    ids=range(9),
-)  # fmt: skip
+@pytest.mark.parametrize(('change', 'sentence'), [
+    (lambda _: b'', 'got 0 bytes'), (lambda _: b'\0\1\0\0abc', 'got 7 bytes'),
+    (lambda wrench: b'\7' + wrench[1:], 'encapsulation 00 00 or 00 01'),
+    (lambda wrench: b'\0\6' + wrench[2:], 'got 00 06'),
+    (with_length(10**6), 'frame_id.*1000000'), (with_length(20), 'Expected 84 bytes.*got 68'),
+    (lambda wrench: wrench[:-1], 'got 67'), (lambda wrench: wrench + b'\0', 'got 69'),
+    (lambda wrench: wrench[:-32], '6 doubles'),
+], ids=range(9))  # fmt: skip
 def test_bytes_of_another_message_are_refused_in_a_sentence(messages, change, sentence):
     wrench = messages.wrench(1, [0.0] * 6, 'ft')
     data = change(wrench)

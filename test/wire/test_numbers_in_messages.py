@@ -98,14 +98,11 @@ def test_a_signalling_nan_is_no_number_and_no_warning(frame, define):
     np.testing.assert_equal(reader.read([signalling, content])[1][:, 0], [np.nan, 20.0])
 
 
-@pytest.mark.parametrize(
-    'damage',
-    [
-        lambda _: b'', lambda whole: whole[:3], lambda whole: b'\7\7' + whole[2:],
-        lambda whole: whole[:-9], lambda whole: whole + whole,
-        lambda whole: whole[:12] + b'\xff' * 4 + whole[16:],
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize('damage', [
+    lambda _: b'', lambda whole: whole[:3], lambda whole: b'\7\7' + whole[2:],
+    lambda whole: whole[:-9], lambda whole: whole + whole,
+    lambda whole: whole[:12] + b'\xff' * 4 + whole[16:],
+])  # fmt: skip
 def test_a_damaged_message_is_refused(frame, define, damage):
     with pytest.raises(RecordingError):
         NumberReader(define(frame.kind), frame.kind, []).read([damage(frame(2))])

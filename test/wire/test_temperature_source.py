@@ -86,13 +86,10 @@ def state(messages, lay_out):
     return lay_out(kind, 7, 300.0, np.array([20.0, 21.0, np.nan]), joints, np.zeros(0))
 
 
-@pytest.mark.parametrize(
-    ('entry', 'celsius'),
-    [
-        ('/s', 300.0), ('/s:data[1]*0.1', 2.1), ('/s:temperature*0.99:K', 23.85),
-        ('/s:joints.1.motor_temp:F', 5.0), ('/s:header.stamp.nanosec', 7.0),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('entry', 'celsius'), [
+    ('/s', 300.0), ('/s:data[1]*0.1', 2.1), ('/s:temperature*0.99:K', 23.85),
+    ('/s:joints.1.motor_temp:F', 5.0), ('/s:header.stamp.nanosec', 7.0),
+])  # fmt: skip
 def test_a_number_is_found_anywhere_in_a_message(state, entry, celsius):
     source = parse_source(entry)
     number = state.find(source.number).values(np.frombuffer(state.data, np.uint8)[np.newaxis])[0]
@@ -134,14 +131,11 @@ def test_all_numbers_but_the_headers_are_found_with_their_paths(state):
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ('name', 'telling'),
-    [
-        ('temperature', True), ('tool_temp', True), ('motorTemperature', True), ('temp_2', True),
-        ('thermocouple', True), ('template', False), ('attempts', False), ('temporary', False),
-        ('force', False),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('name', 'telling'), [
+    ('temperature', True), ('tool_temp', True), ('motorTemperature', True), ('temp_2', True),
+    ('thermocouple', True), ('template', False), ('attempts', False), ('temporary', False),
+    ('force', False),
+])  # fmt: skip
 def test_a_field_may_be_a_temperature_by_its_name(name, telling):
     assert sources.may_be_temperature(('joints', 2, name)) is telling
     assert sources.may_be_temperature((name, 0)) is telling

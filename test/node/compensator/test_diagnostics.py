@@ -44,16 +44,13 @@ def test_rates_and_ages_are_those_since_the_last_report(rig, monkeypatch):
     assert status.level == STALE, 'none has come since'
 
 
-@pytest.mark.parametrize(
-    ('kind', 'incompatible', 'words'),
-    [
-        ('geometry_msgs/msg/WrenchStamped', {}, 'the publisher of /wrench_raw sends nothing'),
-        ('geometry_msgs/msg/Wrench', {},
-         '/wrench_raw carries geometry_msgs/Wrench, not geometry_msgs/WrenchStamped'),
-        ('geometry_msgs/msg/WrenchStamped', {'wrench_raw': 'a publisher offers less'},
-         'a publisher offers less'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('kind', 'incompatible', 'words'), [
+    ('geometry_msgs/msg/WrenchStamped', {}, 'the publisher of /wrench_raw sends nothing'),
+    ('geometry_msgs/msg/Wrench', {},
+     '/wrench_raw carries geometry_msgs/Wrench, not geometry_msgs/WrenchStamped'),
+    ('geometry_msgs/msg/WrenchStamped', {'wrench_raw': 'a publisher offers less'},
+     'a publisher offers less'),
+])  # fmt: skip
 def test_why_no_wrenches_arrive_is_said(fake_hub, kind, incompatible, words):
     part = WrenchInput(Counts(), Compensator(1))
     hub = fake_hub(part)

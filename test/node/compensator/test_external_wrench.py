@@ -197,15 +197,11 @@ def angles(second):
     return 2.0 * np.sin(second), 0.9 * np.sin(0.7 * second), 1.2 * np.sin(0.6 * second)
 
 
-@pytest.mark.parametrize(
-    ('late_s', 'pressed_n', 'rubs', 'words'),
-    [
-        (0.02, 0.0, 0.0, ''), (-0.02, 0.0, 0.0, ''), (0.0, 30.0, 0.3, ''),
-        (0.1, 0.0, 0.0, 's before the weight that is taken off'),
-        (-0.1, 0.0, 0.0, 's behind the weight that is taken off'),
-    ],
-    ids=['in time', 'in time, too', 'a tool that polishes', 'IMU late', 'wrench late'],
-)  # fmt: skip
+@pytest.mark.parametrize(('late_s', 'pressed_n', 'rubs', 'words'), [
+    (0.02, 0.0, 0.0, ''), (-0.02, 0.0, 0.0, ''), (0.0, 30.0, 0.3, ''),
+    (0.1, 0.0, 0.0, 's before the weight that is taken off'),
+    (-0.1, 0.0, 0.0, 's behind the weight that is taken off'),
+], ids=['in time', 'in time, too', 'a tool that polishes', 'IMU late', 'wrench late'])  # fmt: skip
 def test_a_force_that_is_late_in_motion_is_said(held, late_s, pressed_n, rubs, words):
     part, rng = held(**{'payload.active': 'day-1'}), np.random.default_rng(0)
     part.part.compensator.set_tare(CONSTANT, START, np.zeros(6))

@@ -79,15 +79,11 @@ def test_an_identification_needs_specific_force_and_a_drift_model(rig, working):
     assert working.node.external.collector is None
 
 
-@pytest.mark.parametrize(
-    ('patience_s', 'happens', 'words'),
-    [
-        (60.0, lambda node: node.compensator.reset_tare(),
-         'The tare or the model changed meanwhile. Call again.'),
-        (0.05, lambda _: None, 'Wrenches with specific force have stayed away for 0.05 s'),
-    ],
-    ids=['tare', 'silence'],
-)  # fmt: skip
+@pytest.mark.parametrize(('patience_s', 'happens', 'words'), [
+    (60.0, lambda node: node.compensator.reset_tare(),
+     'The tare or the model changed meanwhile. Call again.'),
+    (0.05, lambda _: None, 'Wrenches with specific force have stayed away for 0.05 s'),
+], ids=['tare', 'silence'])  # fmt: skip
 def test_a_caller_is_answered_where_an_identification_cannot_go_on(  # noqa: PLR0913, PLR0917
     working, minute, monkeypatch, patience_s, happens, words
 ):

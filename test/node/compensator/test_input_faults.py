@@ -158,13 +158,10 @@ def test_what_the_newest_wrenches_show_is_said(watched, name):
     assert (found.level, words in found.message) == (level, True), found.message
 
 
-@pytest.mark.parametrize(
-    ('stamped_s', 'looks', 'expected'),
-    [
-        (20, 40, (1, 0)), (1, 40, (0, 0)), (0, 40, (1, 0)), (-1, 40, (1, 0)), (4000, 40, (1, 1)),
-        (20, 0, (0, 0)), ('first', 40, (1, 0)), ('first, not tared', 40, (0, 0)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('stamped_s', 'looks', 'expected'), [
+    (20, 40, (1, 0)), (1, 40, (0, 0)), (0, 40, (1, 0)), (-1, 40, (1, 0)), (4000, 40, (1, 1)),
+    (20, 0, (0, 0)), ('first', 40, (1, 0)), ('first, not tared', 40, (0, 0)),
+])  # fmt: skip
 def test_a_silent_sensor_may_have_another_zero(watched, stamped_s, looks, expected):
     """
     A simulation that was held up goes on with the next stamp; a node may be held up itself.

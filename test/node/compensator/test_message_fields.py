@@ -70,17 +70,14 @@ def listen(fake_hub, ros_domain):  # noqa: ARG001 -- which readies what comes wi
     return lambda *entries: Listening(fake_hub, *entries)
 
 
-@pytest.mark.parametrize(
-    ('entries', 'message', 'taken'),
-    [
-        (['/state:temperature'], battery(23.0), [(0, START, 23.0)]),
-        (['/state:effort[2]', '/state:effort[0]'], joints(21, 22, 23),
-         [(0, START, 23.0), (1, START, 21.0)]),
-        (['/state:data[1]', '/state:data[0]*0.1:K'], Float64MultiArray(data=[3001.5, 22.0]),
-         [(0, None, 22.0), (1, None, 27.0)]),
-        (['/state'], stamped(Temperature(temperature=21.0)), [(0, START, 21.0)]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('entries', 'message', 'taken'), [
+    (['/state:temperature'], battery(23.0), [(0, START, 23.0)]),
+    (['/state:effort[2]', '/state:effort[0]'], joints(21, 22, 23),
+     [(0, START, 23.0), (1, START, 21.0)]),
+    (['/state:data[1]', '/state:data[0]*0.1:K'], Float64MultiArray(data=[3001.5, 22.0]),
+     [(0, None, 22.0), (1, None, 27.0)]),
+    (['/state'], stamped(Temperature(temperature=21.0)), [(0, START, 21.0)]),
+])  # fmt: skip
 def test_thermometers_in_one_message_are_read_with_its_stamp(listen, entries, message, taken):
     listening = listen(*entries)
     listening.hear(message)
@@ -88,15 +85,12 @@ def test_thermometers_in_one_message_are_read_with_its_stamp(listen, entries, me
     assert listening.problem() == ''
 
 
-@pytest.mark.parametrize(
-    ('entry', 'message', 'words', 'good'),
-    [
-        ('effort[2]', joints(20, 21), 'an array of 2, counted from 0', joints(1, 2, 9)),
-        ('effort[2]', joints(), 'an array of 0, counted from 0', joints(1, 2, 9)),
-        ('', BatteryState(), 'sensor_msgs/BatteryState, not sensor_msgs/Temperature', None),
-        ('', JointState(), 'write /state:FIELD to take a number in it', None),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('entry', 'message', 'words', 'good'), [
+    ('effort[2]', joints(20, 21), 'an array of 2, counted from 0', joints(1, 2, 9)),
+    ('effort[2]', joints(), 'an array of 0, counted from 0', joints(1, 2, 9)),
+    ('', BatteryState(), 'sensor_msgs/BatteryState, not sensor_msgs/Temperature', None),
+    ('', JointState(), 'write /state:FIELD to take a number in it', None),
+])  # fmt: skip
 def test_why_a_number_cannot_be_taken_is_said_until_it_can(listen, entry, message, words, good):
     listening = listen(f'/state:{entry}' if entry else '/state')
     listening.hear(message)

@@ -64,13 +64,10 @@ def test_a_recording_is_readable_while_it_runs_and_ends_with_the_node(rig):
     assert len(read_recording(path)) == 4
 
 
-@pytest.mark.parametrize(
-    ('wrenches', 'temperatures', 'words'),
-    [
-        (30, 30, ''), (28, 30, ''), (5, 30, '24 of 29 cells hold no wrench'),
-        (30, 0, 'nothing was recorded, because no temperature came'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(('wrenches', 'temperatures', 'words'), [
+    (30, 30, ''), (28, 30, ''), (5, 30, '24 of 29 cells hold no wrench'),
+    (30, 0, 'nothing was recorded, because no temperature came'),
+])  # fmt: skip
 def test_the_answer_says_what_a_recording_lacks(rig, wrenches, temperatures, words):
     node = rig()
     start_recording(node)
