@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 from hypothesis import settings
 import numpy as np
+import pandas
 import pytest
 
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS
@@ -125,19 +126,12 @@ def make_working_day(make_recording, warm_up):
     return make
 
 
-def _cell(value):
-    missing = value is None or value != value  # noqa: PLR0124 -- NaN
-    return '' if missing else repr(value).strip("'")
-
-
 @pytest.fixture(scope='session')
 def write_table():
     """Write columns by name as a CSV file; None and NaN become empty cells."""
 
-    def write(path, columns, delimiter=','):
-        values = (np.asarray(column, dtype=object).tolist() for column in columns.values())
-        rows = (delimiter.join(map(_cell, row)) for row in zip(*values, strict=True))
-        path.write_text('\n'.join([delimiter.join(columns), *rows, '']), encoding='utf-8')
+    def write(path, columns):
+        pandas.DataFrame(columns).to_csv(path, index=False)
         return path
 
     return write

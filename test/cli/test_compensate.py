@@ -1,7 +1,7 @@
-import csv
 import json
 
 import numpy as np
+import pandas
 import pytest
 
 from wrist_ft_comp.channels import AXES
@@ -12,9 +12,7 @@ from wrist_ft_comp.stream.tare import initial_tare
 
 
 def table(path):
-    with path.open(newline='') as file:
-        header, *rows = csv.reader(file)
-    return dict(zip(header, map(list, zip(*rows, strict=True)), strict=True))
+    return pandas.read_csv(path, dtype=str, keep_default_na=False).to_dict('list')
 
 
 def core_correction(model, path, columns, tare_s=0.0):

@@ -16,10 +16,6 @@ CELLS = 360
 OF_CALIBRATION = {'reference', 'min_temperature_span_k'}
 
 
-def evaluate(calibration, recording, reference='unloaded'):
-    return judge_errors([tared_errors(calibration.model, recording, reference)])['force_z']
-
-
 def settings(method, reference='unloaded', **more):
     return CalibrationSettings(reference, identification=IdentificationSettings(method, **more))
 
@@ -105,7 +101,8 @@ class TestEveryMethod:
         hats_by_auto = method == 'auto' and features == 'hats'  # which leave the gain alone
         assert fit.model.outputs == 1 + (loaded and not hats_by_auto)
         assert fit.rms_after < fit.rms_before
-        judged = evaluate(calibration, record(9, 0.8), chosen.reference)
+        errors = tared_errors(calibration.model, record(9, 0.8), chosen.reference)
+        judged = judge_errors([errors])['force_z']
         dynamic = method in ('filtered_pls', 'arx_pls_oe', 'auto') and not hats_by_auto
         assert judged.rms_after < (0.35 if dynamic else 0.9) * judged.rms_before
 

@@ -55,8 +55,7 @@ def write_day(directory, number, cells=CELLS, *, parked_s=None):
 
 
 def write_rows(path, rows):
-    lines = [','.join(COLUMNS), *(','.join(f'{value:.9g}' for value in row) for row in rows)]
-    path.write_text('\n'.join(lines) + '\n')
+    np.savetxt(path, rows, '%.9g', ',', header=','.join(COLUMNS), comments='')
 
 
 @pytest.fixture(scope='module')

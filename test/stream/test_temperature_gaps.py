@@ -44,6 +44,14 @@ def feed(compensator, first, end):
         compensator.add_temperature(0, START + k * SECOND // 2, warming(k / 2))
 
 
+def heat(seconds, celsius, *compensators):
+    """Send a temperature a second, or what a function says of the second."""
+    for second in seconds:
+        value = celsius(second) if callable(celsius) else celsius
+        for compensator in compensators:
+            compensator.add_temperature(0, START + second * SECOND, value)
+
+
 def restarted(model, before, by_clock_s=0.0):
     after = Compensator(1, model=model)
     after.resume(before.memory(), by_clock_s)
@@ -155,9 +163,8 @@ def test_a_gap_without_a_model_is_doubted_beside_a_warm_start(make_model):
     said = []
     for gap_s in (0, 400):
         late = Compensator(1)
-        for second in (*range(1900), *range(1900 + gap_s, 2400)):
-            celsius = 35.0 + 0.5 * math.sin(second / 100)
-            late.add_temperature(0, START + second * SECOND, celsius)
+        heard = *range(1900), *range(1900 + gap_s, 2400)
+        heat(heard, lambda second: 35.0 + 0.5 * math.sin(second / 100), late)
         late.go_live(doubting(make_model))
         said.append(late.tracker.uncertainty.left(late.tracker.end_ns, late.tracker.memory_s)[2])
     assert said[1] > 2 * said[0]
@@ -181,10 +188,7 @@ def test_all_gaps_without_a_model_are_doubted(make_model, second_gap_s):
 
 def test_a_slow_model_behind_a_quick_one_is_doubted_as_far_as_alone(make_model):
     both, alone = Compensator(1, model=doubting(make_model, 30.0)), Compensator(1)
-    for second in range(900):
-        celsius = 35.0 + second / 300
-        both.add_temperature(0, START + second * SECOND, celsius)
-        alone.add_temperature(0, START + second * SECOND, celsius)
+    heat(range(900), lambda second: 35.0 + second / 300, both, alone)
     for compensator in (both, alone):
         compensator.go_live(doubting(make_model, 1200.0))
     assert gap_doubts(both.tracker) == gap_doubts(alone.tracker) != []
@@ -200,12 +204,8 @@ def test_a_start_at_temperatures_that_move_is_doubted_as_far_as_it_may_be_wrong(
     """For 200 s before the node started, temperatures had moved."""
     model = doubting(make_model)
     knows, starts, late = Compensator(1, model=model), Compensator(1, model=model), Compensator(1)
-    for second in range(-200 if is_said else 0, 75):
-        celsius = start_c + (past_k_s if second < 0 else rate_k_s) * second
-        knows.add_temperature(0, START + second * SECOND, celsius)
-        if second >= 0:
-            starts.add_temperature(0, START + second * SECOND, celsius)
-            late.add_temperature(0, START + second * SECOND, celsius)
+    heat(range(-200 if is_said else 0, 0), lambda second: start_c + past_k_s * second, knows)
+    heat(range(75), lambda second: start_c + rate_k_s * second, knows, starts, late)
     late.go_live(model)
     apart_n = abs(knows.compensation.zero - starts.compensation.zero)[2]
     for compensator in (starts, late):
@@ -241,14 +241,11 @@ def test_a_clock_that_stood_still_over_the_night_is_seen_by_the_temperatures(mak
     """A computer whose clock goes on where it was shut down."""
     model = doubting(make_model, 1200.0)
     evening, morning = (Compensator(1, model=model) for _ in range(2))
-    for second in range(1200):
-        evening.add_temperature(0, START + second * SECOND, 22.0 + second / 150)
+    heat(range(1200), lambda second: 22.0 + second / 150, evening)
     morning.resume(evening.memory(), 40.0)
-    for second in range(1240, 1310):
-        morning.add_temperature(0, START + second * SECOND, 22.0 if hours else 29.5)
+    heat(range(1240, 1310), 22.0 if hours else 29.5, morning)
     soaked = Compensator(1, model=model)
-    for second in range(70):
-        soaked.add_temperature(0, START + second * SECOND, 22.0)
+    heat(range(70), 22.0, soaked)
     apart_n = abs(morning.tracker.drift.zero - soaked.tracker.drift.zero)[2]
     assert (apart_n < 0.01) == bool(hours)
     assert not gap_doubts(morning.tracker)
@@ -258,25 +255,21 @@ def test_a_clock_that_stood_still_over_the_night_is_seen_by_the_temperatures(mak
 def test_after_a_night_a_sensor_as_cold_as_a_room_has_soaked(make_model, morning_c, is_doubted):
     model = doubting(make_model)
     evening, morning = (Compensator(1, model=model) for _ in range(2))
-    for second in range(1200):
-        evening.add_temperature(0, START + second * SECOND, 22.0 + second / 100)
+    heat(range(1200), lambda second: 22.0 + second / 100, evening)
     morning.resume(evening.memory(), 12 * 3600.0)
-    for second in range(12 * 3600, 12 * 3600 + 70):
-        morning.add_temperature(0, START + (1200 + second) * SECOND, morning_c)
+    heat(range(1200 + 12 * 3600, 1270 + 12 * 3600), morning_c, morning)
     assert bool(gap_doubts(morning.tracker)) == is_doubted
 
 
 def test_a_stream_that_was_killed_after_its_first_cell_goes_on_after_minutes(make_model):
     model = make_model({'force_z': (0.4, 0.0, 600.0)})
     first = Compensator(1, model=model)
-    for k in range(2):
-        first.add_temperature(0, START + k * SECOND, 20.0)
+    heat(range(2), 20.0, first)
     memory = first.memory()
     for saved in (memory, replace(memory, history=())):
         second = Compensator(1, model=model)
         second.resume(saved, 300.0)
-        for k in range(302, 306):
-            second.add_temperature(0, START + k * SECOND, 25.0)
+        heat(range(302, 306), 25.0, second)
         assert np.isfinite(second.compensation.zero).all()
         assert not any('nan' in doubt for doubt in gap_doubts(second.tracker))
 
@@ -285,19 +278,16 @@ def test_what_nobody_knows_of_a_gap_is_still_said_after_a_restart(make_model, tm
     """Restarted at once, and after another minute and a half without temperatures."""
     model = doubting(make_model)
     before, path = Compensator(1, model=model), tmp_path / 'state.json'
-    for second in range(1200):
-        before.add_temperature(0, START + second * SECOND, 20.0 + second / 100)
+    heat(range(1200), lambda second: 20.0 + second / 100, before)
     end_s = 1200 + 1500
-    for second in range(end_s, end_s + 5):
-        before.add_temperature(0, START + second * SECOND, 32.0)
+    heat(range(end_s, end_s + 5), 32.0, before)
     (expected,) = gap_doubts(before.tracker)
     save_state(path, SavedState(0, None, np.zeros(6), before.memory()))
     for away_s in (0, 90):
         after = Compensator(1, model=model)
         after.resume(load_state(path).thermal, 0.0)
         assert gap_doubts(after.tracker) == [expected]
-        for second in range(end_s + 5 + away_s, end_s + 10 + away_s):
-            after.add_temperature(0, START + second * SECOND, 32.0)
+        heat(range(end_s + 5 + away_s, end_s + 10 + away_s), 32.0, after)
         (said,) = gap_doubts(after.tracker)
         off_n, still_n = (float(re.search(r'(\S+) N off', s)[1]) for s in (expected, said))
         assert still_n > 0.8 * off_n

@@ -28,7 +28,6 @@ AXES = {'force_z': (0.5, 0.0, 300.0)}
 ALIKE = ThermometerPrediction(
     np.zeros(1), np.array([[[0.0, 1.0]], [[1.0, 0.0]]]), np.zeros(2),
     *np.array([[3], [600], [6]]) * np.ones((3, 2)))  # fmt: skip
-executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
 @pytest.fixture
@@ -398,7 +397,7 @@ class TestTemperature:
 
 
 class TestQualityOfService:
-    @executors
+    @pytest.mark.parametrize('executor', ['default', 'events'])
     def test_a_publisher_of_other_quality_is_a_warning(self, wired, log, executor):
         topics = {'wrench_raw': WrenchStamped, 'temperature': Temperature}
         name = f'/unheard_{executor}'

@@ -25,17 +25,12 @@ def start(bench, executable, tmp_path):
     return launch
 
 
-def endless(tmp_path):
-    """Make a bag whose metadata is a pipe without a writer, which stands for a long fit."""
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
+def test_the_end_of_a_node_ends_its_calibration_too(bench, start, tmp_path, number):
+    """A bag whose metadata is a pipe without a writer stands for a long fit."""
     metadata = tmp_path / 'data/endless/metadata.yaml'
     metadata.parent.mkdir(parents=True)
     os.mkfifo(metadata)
-    return metadata
-
-
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
-def test_the_end_of_a_node_ends_its_calibration_too(bench, start, tmp_path, number):
-    metadata = endless(tmp_path)
     process = start('fits', '-p', f'calibration.recordings:=[{metadata.parent}]')
     answers = bench.ask(Trigger, '/fits/fits/calibrate', Trigger.Request())
 

@@ -6,21 +6,15 @@ import numpy as np
 import pytest
 
 LOAD = np.array([1.5, -2.0, 30.0, 0.25, -0.5, 1.0])
-executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
-def hear_bytes(rig):
-    messages, topic = [], rig.topic('wrench')
-    rig.bench.helper.create_subscription(WrenchStamped, topic, messages.append, 100, raw=True)
-    rig.bench.wait_until(lambda: rig.node._output.get_subscription_count() > 1, 'both listeners')
-    return messages
-
-
-@executors
+@pytest.mark.parametrize('executor', ['default', 'events'])
 def test_the_header_goes_out_byte_for_byte_in_either_order(wired, make_model, messages, executor):
     node = wired(executor=executor, model=make_model('m.yaml', {'force_x': (1.0, 0.0, 0.0)}))
     node.warm_up(30.0)
-    heard = hear_bytes(node)
+    heard, topic = [], node.topic('wrench')
+    node.bench.helper.create_subscription(WrenchStamped, topic, heard.append, 100, raw=True)
+    node.wait_until(lambda: node.node._output.get_subscription_count() > 1, 'both listeners')
     frames = ['', 'a', 'ab', 'tool0', 'wrist_3', 'wrist_ft_sensor/größe', 'f' * 301]
     sent = [
         messages.wrench(START + 10 * SECOND + k, LOAD, frame, little=little)
