@@ -278,17 +278,14 @@ class Messages:
         typesys = pytest.importorskip('rosbags.typesys')
         self.store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
-    def _make(self, kind, *fields):
-        return self.store.types[kind](*fields)
-
     def _header(self, stamp_ns, frame):
-        time = self._make('builtin_interfaces/msg/Time', *divmod(stamp_ns, 10**9))
-        return self._make('std_msgs/msg/Header', time, frame)
+        time = self.make('builtin_interfaces/msg/Time', *divmod(stamp_ns, 10**9))
+        return self.make('std_msgs/msg/Header', time, frame)
 
     def wrench(self, stamp_ns, values, frame='ft_sensor', little=True):
         six = [float(value) for value in values]
-        vectors = (self._make('geometry_msgs/msg/Vector3', *half) for half in (six[:3], six[3:]))
-        body = self._make('geometry_msgs/msg/Wrench', *vectors)
+        vectors = (self.make('geometry_msgs/msg/Vector3', *half) for half in (six[:3], six[3:]))
+        body = self.make('geometry_msgs/msg/Wrench', *vectors)
         return self.pack(self.wrench_type, (stamp_ns, frame), body, little=little)
 
     def temperature(self, stamp_ns, value, frame='ft_sensor', little=True):
@@ -307,7 +304,7 @@ class Messages:
         if names[0] == 'header':
             at = fields[0] if isinstance(fields[0], tuple) else (fields[0], 'here')
             fields = self._header(*at), *fields[1:]
-        return self._make(kind, *fields)
+        return self.store.types[kind](*fields)
 
     def pack(self, kind, *fields, little=True):
         message = self.make(kind, *fields)
@@ -316,9 +313,9 @@ class Messages:
     def imu(self, stamp_ns, force, rotation, little=True):
         """Serialize an Imu of a driver that knows no orientation and no covariance."""
         kind = 'geometry_msgs/msg/Vector3'
-        rotation, force = (self._make(kind, *map(float, v)) for v in (rotation, force))
+        rotation, force = (self.make(kind, *map(float, v)) for v in (rotation, force))
         unknown, none = np.array([-1.0] + 8 * [0.0]), np.zeros(9)
-        turn = self._make('geometry_msgs/msg/Quaternion', 0.0, 0.0, 0.0, 1.0)
+        turn = self.make('geometry_msgs/msg/Quaternion', 0.0, 0.0, 0.0, 1.0)
         fields = stamp_ns, turn, none, rotation, none, force, unknown
         return self.pack('sensor_msgs/msg/Imu', *fields, little=little)
 
@@ -326,9 +323,9 @@ class Messages:
         """Serialize a TFMessage of (parent, child, quaternion)."""
         transforms = []
         for parent, child, quaternion in links:
-            moved = self._make('geometry_msgs/msg/Vector3', 0.1, 0.2, 0.3)
-            turned = self._make('geometry_msgs/msg/Quaternion', *map(float, quaternion))
-            transform = self._make('geometry_msgs/msg/Transform', moved, turned)
+            moved = self.make('geometry_msgs/msg/Vector3', 0.1, 0.2, 0.3)
+            turned = self.make('geometry_msgs/msg/Quaternion', *map(float, quaternion))
+            transform = self.make('geometry_msgs/msg/Transform', moved, turned)
             kind, header = 'geometry_msgs/msg/TransformStamped', (stamp_ns, parent)
             transforms.append(self.make(kind, header, child, transform))
         return self.pack('tf2_msgs/msg/TFMessage', transforms, little=little)
@@ -336,8 +333,7 @@ class Messages:
     def run(self, stamps_ns, wrenches, temperature_c, topic='/wrench_raw'):
         """Wrenches, and at every hundredth a temperature and a message of no interest."""
         content = bytearray(self.wrench(0, [0.0] * 6))
-        hello = self._make(self.text_type, 'hello')
-        text = bytes(self.store.serialize_cdr(hello, self.text_type))
+        text = self.pack(self.text_type, 'hello')
         for k, stamp_ns in enumerate(stamps_ns.tolist()):
             struct.pack_into('<iI', content, 4, *divmod(stamp_ns, 10**9))
             struct.pack_into('<6d', content, len(content) - 48, *wrenches[k])

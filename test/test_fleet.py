@@ -1,7 +1,7 @@
 """docs/fleet.md: its script, by the standard library's pool and on a Dask scheduler."""
 
 from concurrent.futures import ProcessPoolExecutor
-from importlib.util import module_from_spec, spec_from_file_location
+from importlib import import_module
 import json
 from multiprocessing import get_context
 from pathlib import Path
@@ -34,16 +34,12 @@ def robots(tmp_path, make):
 @pytest.fixture
 def script(tmp_path, monkeypatch):
     """The script as a module that other processes can import."""
-    path = tmp_path / 'fleet.py'
-    path.write_text(SCRIPT)
+    (tmp_path / 'fleet.py').write_text(SCRIPT)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv('PYTHONPATH', f'{tmp_path}:{Path(wrist_ft_comp.__file__).parents[1]}')
     monkeypatch.setenv('OMP_NUM_THREADS', '1')
-    spec = spec_from_file_location('fleet', path)
-    module = module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, 'fleet', module)
-    spec.loader.exec_module(module)
-    return module
+    yield import_module('fleet')
+    del sys.modules['fleet']
 
 
 def test_a_fleet_is_judged_by_a_pool_worst_first_and_goes_on_where_it_was(robots, script, capsys):

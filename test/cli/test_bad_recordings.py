@@ -1,11 +1,9 @@
 """
 One table of bad recordings: whatever door they come through, one sentence, and nothing is lost.
 
-A row is a kind of bad input, how it is made of a good recording, what the sentence says, and the
-doors it can come through: a CSV file and a bag. That a table in memory gives what a CSV file of it
-gives is tested in test/recordings/test_in_memory.py; what a running node does about faults while
-they happen, in test/node/compensator/test_input_faults.py. A refusal is exit code 1 and one line
-on standard error; what is only dropped or doubted is a warning of ``calibrate``, beside its model.
+A refusal is exit code 1 and one line on standard error; what is only dropped or doubted is a
+warning of ``calibrate``, beside its model. Columns in memory are tested in
+test/recordings/test_in_memory.py, a running node in test/node/compensator/test_input_faults.py.
 """
 
 import json

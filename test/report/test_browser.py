@@ -133,10 +133,8 @@ def files(text, tmp_path_factory):
     folder = tmp_path_factory.mktemp('pages')
 
     def path_of(kind):
-        path = folder / f'{kind}.html'
-        if not path.exists():
-            path.write_text(text(kind), encoding='utf-8')
-        return path
+        (folder / f'{kind}.html').write_text(text(kind), encoding='utf-8')
+        return folder / f'{kind}.html'
 
     return path_of
 

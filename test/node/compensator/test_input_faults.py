@@ -103,9 +103,7 @@ LOOKED_AT = {
     'unstamped': (noisy(40), 0 * STAMPS, 'tool0', WARN, 'without stamps; the time of arrival is'),
     'repeated': (noisy(40), START + 0 * STAMPS, 'tool0', WARN, 'stamps stand still; the correct'),
     'backwards': (noisy(40), STAMPS[::-1], 'tool0', WARN, 'stamps ran back; was a clock set'),
-    'ahead': (
-        noisy(40), STAMPS + (np.arange(160) >= 20) * 5 * HOUR, 'tool0', WARN, 'stamps leapt ahead',
-    ),
+    'ahead': (noisy(40), STAMPS + (np.arange(160) >= 20) * 5 * HOUR, 'tool0', WARN, 'leapt ahead'),
     'two drivers': (noisy(40), STAMPS, 'tool0', WARN, '2 publishers share the topic; their'),
     'moved': (noisy(40), STAMPS, 'tool1', WARN, 'frame_id was tool0 and is tool1 now'),
     'by turns': (noisy(40), STAMPS, 'tool0 or tool1', WARN, 'tool0 and tool1 come by turns, and'),
