@@ -183,13 +183,9 @@ class WrenchInput(Part):
                 'have zeroed the sensor; call ~/tare'
             )
 
-    def statuses(self) -> Iterator[Status]:
-        """Judge the raw wrenches: stale, unusable, suspicious, or well."""
-        self.poll()
-        counts, sensor, stream = self._counts, self.sensor, self._compensator
-        topic = self.hub.resolve_topic_name('wrench_raw')
-        if stream.model is not None and stream.tracker.temperature_c is not None:
-            self._deviation = stream.model.uncertainty(stream.tracker.temperature_c)
+    def note_drivers(self) -> Sequence[Any]:
+        """Doubt the zero where another publisher has come; give the publishers there are."""
+        counts, topic = self._counts, self.hub.resolve_topic_name('wrench_raw')
         ends = self.hub.get_publishers_info_by_topic(topic)
         drivers = {bytes(end.endpoint_gid).hex() for end in ends}
         if drivers and drivers.isdisjoint(counts.drivers):
@@ -199,6 +195,16 @@ class WrenchInput(Part):
                     'another one; call ~/tare'
                 )
             counts.drivers = drivers
+        return list(ends)
+
+    def statuses(self) -> Iterator[Status]:
+        """Judge the raw wrenches: stale, unusable, suspicious, or well."""
+        self.poll()
+        counts, sensor, stream = self._counts, self.sensor, self._compensator
+        topic = self.hub.resolve_topic_name('wrench_raw')
+        if stream.model is not None and stream.tracker.temperature_c is not None:
+            self._deviation = stream.model.uncertainty(stream.tracker.temperature_c)
+        ends = self.note_drivers()
         grown, elapsed_s = self._growth.since(
             wrenches=counts.wrenches, dropped=counts.dropped, back=self.stamps.ran_back,
             leapt=self.stamps.leapt,

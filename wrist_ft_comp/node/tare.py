@@ -126,6 +126,7 @@ class TareService(Part):
             )
         # The tare is of the drift at one stamp, and a minute of a warm-up drifts.
         mean = mean + stream.tared_with(stamp_ns).zero - np.mean(self._drifts, axis=0)
+        self.wrenches.note_drivers()  # a driver that has just come back is tared, too
         tare = stream.set_tare(mean, stamp_ns, weight)
         self.external.note_tare()
         problems: list[str] = []

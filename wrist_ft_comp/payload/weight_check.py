@@ -132,7 +132,7 @@ class WeightCheck:
             is_against = np.sum(force * weight) < -_AGAINST_SHARE * np.sum(weight**2)
             is_as_large = np.linalg.norm(force) < np.linalg.norm(weight) / _AGAINST_SHARE
             is_clear = is_against and is_as_large and rest_n < _AGAINST_REST * MOVED_N
-            if not is_clear or poses < _AGAINST_POSES or len(changes) < _KEPT:
+            if not is_clear or poses < _AGAINST_POSES:
                 return None
         triples = _draws(3, len(changes))
         turns = _fit_turns(force[triples], weight[triples])
