@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.learning.day_at_work import describe, incident
-from wrist_ft_comp.learning.day_choice import pause
 from wrist_ft_comp.learning.diary import DayEntry
+from wrist_ft_comp.learning.learning_plan import pause
 
 TOOL = {'mass_kg': 2.5, 'center_m': (0.02, 0.0, 0.2)}
 

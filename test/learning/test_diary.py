@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.learning import diary as diaries
-from wrist_ft_comp.learning.day_choice import good_days, prune
 from wrist_ft_comp.learning.day_files import days
 from wrist_ft_comp.learning.diary import DayEntry, Diary, load_diary, NONE, save_diary
+from wrist_ft_comp.learning.learning_plan import good_days, prune
 
 DAY = DayEntry(
     name='day_00001.csv', first_ns=1_767_247_200_000_000_000, hours=2.5,

@@ -3,7 +3,7 @@
 import re
 import sys
 
-from moments import START
+from moments import SECOND, START
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
@@ -12,11 +12,12 @@ from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.node.specific_force import SpecificForceInput
+from wrist_ft_comp.node.specific_force import RecentForces, SpecificForceInput
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.stream.compensator import Compensator
 
 NO_TURN = [0.0, 0.0, 0.0, 1.0]
+UP, AWAY = (0.0, 0.0, 9.8), (9.8, 0.0, 0.0)
 TO_TOOL = 'arm', 'tool', NO_TURN
 
 
@@ -158,3 +159,29 @@ def test_two_imus_by_turns_are_said(start, frames):
     said = list(part.value_doubts(ForceFrame()))
     mixed = ['specific force of base and imu come by turns, and are mixed']
     assert said == mixed[frames[0] == frames[1] :]
+
+
+@pytest.fixture
+def forces():
+    return RecentForces(0.2)
+
+
+def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest(forces):
+    assert forces.at(0) is None
+    for k in range(5):
+        forces.add(START + 10 * k, (k, 0.0, 0.0))
+    for at, number in ((20, 2), (21, 2), (19, 1), (SECOND // 5 + 40, 4), (-SECOND // 5, 0)):
+        assert forces.at(START + at) == (number, 0.0, 0.0)
+    for at in (SECOND // 5 + 41, -SECOND // 5 - 1):
+        assert forces.at(START + at) is None, 'beyond the timeout'
+    forces.add(START + 2 * SECOND, UP)
+    assert forces.at(START + 40) is None, 'a clock that is ahead'
+
+
+def test_a_late_sample_is_left_out_and_another_time_begins_anew(forces):
+    forces.add(START, UP)
+    forces.add(START - SECOND // 10, AWAY)
+    assert forces.at(START) == forces.at(START - SECOND // 10) == UP
+    forces.add(START - SECOND, AWAY)
+    assert forces.at(START - SECOND) == AWAY
+    assert forces.at(START) is None

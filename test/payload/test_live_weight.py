@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.payload.live_weight import LivePayload, RecentForces
+from wrist_ft_comp.payload.live_weight import LivePayload
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 CONSTANT = np.array([3.0, -4.0, 5.0, 0.1, -0.2, 0.3])
-UP, AWAY = (0.0, 0.0, 9.8), (9.8, 0.0, 0.0)
 
 
 @pytest.fixture
@@ -58,32 +57,6 @@ def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(tool, make_model):
     np.testing.assert_allclose(external(first), 0.0, atol=1e-12)
     compensator.reset_tare()
     np.testing.assert_allclose(external(first), CONSTANT / (1 + drift.sensitivity), atol=1e-12)
-
-
-@pytest.fixture
-def forces():
-    return RecentForces(0.2)
-
-
-def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest(forces):
-    assert forces.at(0) is None
-    for k in range(5):
-        forces.add(START + 10 * k, (k, 0.0, 0.0))
-    for at, number in ((20, 2), (21, 2), (19, 1), (SECOND // 5 + 40, 4), (-SECOND // 5, 0)):
-        assert forces.at(START + at) == (number, 0.0, 0.0)
-    for at in (SECOND // 5 + 41, -SECOND // 5 - 1):
-        assert forces.at(START + at) is None, 'beyond the timeout'
-    forces.add(START + 2 * SECOND, UP)
-    assert forces.at(START + 40) is None, 'a clock that is ahead'
-
-
-def test_a_late_sample_is_left_out_and_another_time_begins_anew(forces):
-    forces.add(START, UP)
-    forces.add(START - SECOND // 10, AWAY)
-    assert forces.at(START) == forces.at(START - SECOND // 10) == UP
-    forces.add(START - SECOND, AWAY)
-    assert forces.at(START - SECOND) == AWAY
-    assert forces.at(START) is None
 
 
 def test_roll_pitch_and_yaw_are_turns_about_fixed_axes():

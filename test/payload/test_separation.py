@@ -12,7 +12,7 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.payload import separation
 from wrist_ft_comp.payload.accelerometer_calibration import calibrated_by_norm
 from wrist_ft_comp.payload.separation import separate, separate_again
-from wrist_ft_comp.zero_steps import Step
+from wrist_ft_comp.steps_in_recordings import Step
 
 PLS = IdentificationSettings(method='pls')
 AT_WORK = CalibrationSettings('payload', identification=PLS)

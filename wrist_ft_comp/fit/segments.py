@@ -18,7 +18,7 @@ from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT
 from wrist_ft_comp.fit.result import AxisFit
 from wrist_ft_comp.recording import Recording, Reference, time_in
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level, rounded, ROUNDING
-from wrist_ft_comp.zero_steps import BESIDE_S, find_steps, SMALLEST_SIGMA, Step
+from wrist_ft_comp.steps_in_recordings import BESIDE_S, find_steps, SMALLEST_SIGMA, Step
 
 #: In a log of a row in up to a minute, a level is at least this many samples: three of them may be
 #: a contact.

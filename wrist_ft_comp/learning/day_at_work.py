@@ -25,7 +25,7 @@ from wrist_ft_comp.payload.mounted_payloads import cells_in, COUNTS, unexplained
 from wrist_ft_comp.payload.weight import LearntPayloads, SAME_SHARE
 from wrist_ft_comp.recording import Recording, time_in
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.zero_steps import BESIDE_S, Step
+from wrist_ft_comp.steps_in_recordings import BESIDE_S, Step
 
 #: Temperatures are the same coarse temperature within this interval, K.
 _COARSE_K = 4.0

@@ -22,7 +22,8 @@ from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.day_at_work import Day, describe, incident, left
-from wrist_ft_comp.learning.day_choice import (
+from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, LEARNT_FROM, NONE
+from wrist_ft_comp.learning.learning_plan import (
     ANOTHER_DAY,
     FEWEST_DAYS,
     good_days,
@@ -31,7 +32,6 @@ from wrist_ft_comp.learning.day_choice import (
     reason,
     worthiest,
 )
-from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, LEARNT_FROM, NONE
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift, thermometer_doubts
 

@@ -12,7 +12,7 @@ from sensor_msgs.msg import Imu
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.node.raw_wrench import RecentFrames
-from wrist_ft_comp.payload.live_weight import Force, RecentForces
+from wrist_ft_comp.payload.live_weight import Force
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds
 from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.parameters import at_start
@@ -43,6 +43,55 @@ _MISSED_SHARE = 0.1
 #: The weight is in doubt where it changes by more than this share between two samples, on the
 #: mean: half of a step.
 _STEP_SHARE = 0.05
+#: Samples that are kept, so that an IMU of 1 kHz may be a quarter of a second ahead of the wrench.
+_KEPT_SAMPLES = 256
+
+
+class RecentForces:
+    """
+    The newest samples of specific force, as measured, m/s².
+
+    At a stamp the newest sample up to it counts, or else the nearest: no wrench waits for one.
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        #: A sample is used for wrenches within this time, ns.
+        self.timeout_ns = round(timeout_s * NANOSECONDS)
+        #: Samples since the start, and the stamp of the newest, ns.
+        self.count = self.newest_ns = 0
+        self._kept: deque[tuple[int, Force]] = deque(maxlen=_KEPT_SAMPLES)
+
+    @property
+    def newest(self) -> tuple[int, Force] | None:
+        """Stamp, ns, and specific force of the newest sample."""
+        return self._kept[-1] if self._kept else None
+
+    @property
+    def last_step(self) -> tuple[float, float]:
+        """Time between the last two samples, s, and how far apart they are, m/s²."""
+        if len(self._kept) < 2:
+            return 0.0, 0.0
+        (before_ns, before), (after_ns, after) = self._kept[-2], self._kept[-1]
+        return (after_ns - before_ns) / NANOSECONDS, math.dist(before, after)
+
+    def add(self, stamp_ns: int, specific_force: Force) -> None:
+        """Add a sample; a late one is dropped, and a stamp that is far back begins anew."""
+        self.count += 1
+        if self._kept and stamp_ns < self._kept[-1][0]:
+            if self._kept[-1][0] - stamp_ns <= self.timeout_ns:
+                return
+            self._kept.clear()
+        self.newest_ns = stamp_ns
+        self._kept.append((stamp_ns, specific_force))
+
+    def at(self, stamp_ns: int) -> Force | None:
+        """Find the sample for a stamp, ns; None where it is farther away than the timeout."""
+        if not self._kept or self._kept[-1][0] - stamp_ns > self.timeout_ns + NANOSECONDS:
+            return None  # there is none, or they are stamped by a clock that is ahead
+        for sample in reversed(self._kept):
+            if sample[0] <= stamp_ns:
+                break
+        return sample[1] if abs(stamp_ns - sample[0]) <= self.timeout_ns else None
 
 
 class SpecificForceInput(Part):

@@ -6,7 +6,6 @@ one that is to be identified, a minute of motion is collected, in which a job fi
 (identify_payload.py).
 """
 
-from collections import deque
 from collections.abc import Sequence
 import math
 
@@ -24,55 +23,6 @@ CELL_S = 0.25
 MotionCell = tuple[float, ...]
 #: Specific force, m/s².
 Force = tuple[float, float, float]
-#: Samples that are kept, so that an IMU of 1 kHz may be a quarter of a second ahead of the wrench.
-_KEPT_SAMPLES = 256
-
-
-class RecentForces:
-    """
-    The newest samples of specific force, as measured, m/s².
-
-    At a stamp the newest sample up to it counts, or else the nearest: no wrench waits for one.
-    """
-
-    def __init__(self, timeout_s: float) -> None:
-        #: A sample is used for wrenches within this time, ns.
-        self.timeout_ns = round(timeout_s * NANOSECONDS)
-        #: Samples since the start, and the stamp of the newest, ns.
-        self.count = self.newest_ns = 0
-        self._kept: deque[tuple[int, Force]] = deque(maxlen=_KEPT_SAMPLES)
-
-    @property
-    def newest(self) -> tuple[int, Force] | None:
-        """Stamp, ns, and specific force of the newest sample."""
-        return self._kept[-1] if self._kept else None
-
-    @property
-    def last_step(self) -> tuple[float, float]:
-        """Time between the last two samples, s, and how far apart they are, m/s²."""
-        if len(self._kept) < 2:
-            return 0.0, 0.0
-        (before_ns, before), (after_ns, after) = self._kept[-2], self._kept[-1]
-        return (after_ns - before_ns) / NANOSECONDS, math.dist(before, after)
-
-    def add(self, stamp_ns: int, specific_force: Force) -> None:
-        """Add a sample; a late one is dropped, and a stamp that is far back begins anew."""
-        self.count += 1
-        if self._kept and stamp_ns < self._kept[-1][0]:
-            if self._kept[-1][0] - stamp_ns <= self.timeout_ns:
-                return
-            self._kept.clear()
-        self.newest_ns = stamp_ns
-        self._kept.append((stamp_ns, specific_force))
-
-    def at(self, stamp_ns: int) -> Force | None:
-        """Find the sample for a stamp, ns; None where it is farther away than the timeout."""
-        if not self._kept or self._kept[-1][0] - stamp_ns > self.timeout_ns + NANOSECONDS:
-            return None  # there is none, or they are stamped by a clock that is ahead
-        for sample in reversed(self._kept):
-            if sample[0] <= stamp_ns:
-                break
-        return sample[1] if abs(stamp_ns - sample[0]) <= self.timeout_ns else None
 
 
 class LivePayload:

@@ -23,7 +23,7 @@ from wrist_ft_comp.payload.accelerometer_calibration import rotation_speed
 from wrist_ft_comp.payload.mass_and_center import CONTRAST, MISFIT, rigid_bodies, RigidBodies
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
-from wrist_ft_comp.zero_steps import SMALLEST_SIGMA, WIDTH_SIGMA
+from wrist_ft_comp.steps_in_recordings import SMALLEST_SIGMA, WIDTH_SIGMA
 
 #: Length of a block, s, in which a parabola follows the drift. It would follow a press of two
 #: minutes, too: where the drift is roughly known already, blocks are three times as long.

@@ -20,8 +20,8 @@ from wrist_ft_comp.payload.mounted_payloads import BLOCK_S, Cells, COUNTS, Fit, 
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray
+from wrist_ft_comp.steps_in_recordings import find_steps, Step
 from wrist_ft_comp.stream.drift_of_recordings import simulate_drift
-from wrist_ft_comp.zero_steps import find_steps, Step
 
 #: A shorter recording, s, does not show which changes are slow.
 SLOW_S = 7200.0
