@@ -73,3 +73,4 @@ def test_a_node_that_is_asked_for_is_refused_in_one_sentence(site, words, senten
     assert done.returncode == 1
     (line,) = done.stderr.splitlines()
     assert sentence in line
+    assert not list(site.glob('demo*'))

@@ -55,12 +55,6 @@ def test_drift_has_to_fall(run, tmp_path, monkeypatch):
     assert 'FAIL: ' in outcome.out
 
 
-def test_without_rclpy_there_is_a_sentence(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(options, 'find_spec', lambda _: None)
-    assert 'rclpy' in run('demo', '--output', tmp_path / 'out').sentence
-    assert not (tmp_path / 'out').exists()
-
-
 def listen(recorded_s, **programs):
     """Watch a node that says how long its recording is."""
     statuses = {'calibration': SimpleNamespace(values={'recording_s': recorded_s})}

@@ -123,10 +123,7 @@ def test_hats_stand_on_the_plateaus():
     plateaus = np.repeat([20.0, -15.0, 50.0], 40)[:, np.newaxis]
     hats = IdentificationSettings(features='hats')
     slope = np.linspace(0, 50, 500)[:, np.newaxis]
-    for temperature_c, knots in (
-        (plateaus, [-15.0, 20.0, 50.0]),
-        (slope, np.linspace(0, 50, 6)),
-    ):
+    for temperature_c, knots in ((plateaus, [-15.0, 20.0, 50.0]), (slope, np.linspace(0, 50, 6))):
         np.testing.assert_allclose(build_features([temperature_c], hats).knots_c[0], knots)
 
 
