@@ -134,9 +134,10 @@ def restart(
     Kill the node, and start it again after seconds to hours.
 
     Meanwhile the driver may be biased anew, the system's clock be set, or all thermometers be off,
-    which then read 0 °C for some time.
+    which then read 0 °C for some time: perhaps for a new node, whose sensor is tared then.
     """
-    robot.kill()
+    is_new = cold and bool(robot.rng.integers(2))
+    robot.kill(forget=is_new)
     yield 10 ** robot.between(0, 3.9)
     if biased:
         yield from driver_again(robot)
@@ -147,8 +148,10 @@ def restart(
     robot.start()
     yield 5.0
     robot.name(robot.named)
+    if is_new:
+        yield from robot.tare()
     if cold:
-        yield robot.between(1, 60)
+        yield robot.between(1, 10 if is_new else 60)
         robot.thermometer[:] = [''] * robot.thermometers
     yield 1.0
 
@@ -269,7 +272,10 @@ def _events() -> Iterator[tuple[str, Event]]:
     yield 'frame moved on the robot', Event('imu', 'frame', moved)
     words = 'state|thermal|steady'
     script = partial(restart, cold=True)
-    yield 'cold thermometers', Event('node thermometer', f'thermometer|{words}', script)
+    yield (
+        'cold thermometers',
+        Event('node driver thermometer', f'thermometer|tare|{words}', script),
+    )
     yield 'node killed', Event('node', words, restart)
     script = partial(restart, set_clock=True)
     yield 'node killed and clock set', Event('node', f'clock|{words}', script)

@@ -219,7 +219,7 @@ class Robot:
         self.node, self.statuses = None, {}
         self.flush()
         if forget:
-            (self._folder / 'state.json').unlink()
+            (self._folder / 'state.json').unlink(missing_ok=True)
 
     def flush(self) -> None:
         """Let what was written reach the disk."""
