@@ -101,13 +101,28 @@ def in_one_line(text):
 
 @cache
 def messages():
-    """Every string of the package."""
+    """Every string of the package: its place, itself in one line, and within what it stands."""
     return tuple(
-        in_one_line(with_holes(node))
-        for path in (ROOT / 'wrist_ft_comp').rglob('*.py')
+        (f'{path.relative_to(ROOT)}:{child.lineno}', in_one_line(with_holes(child)), type(node))
+        for path in sorted((ROOT / 'wrist_ft_comp').rglob('*.py'))
         for node in ast.walk(ast.parse(path.read_text('utf-8')))
-        if isinstance(node, (ast.JoinedStr, ast.BinOp, ast.Constant))
+        for child in ast.iter_child_nodes(node)
+        if isinstance(child, (ast.JoinedStr, ast.BinOp, ast.Constant))
     )
+
+
+def test_every_sentence_is_short_enough_to_be_read_aloud():
+    """A person reads the list; what has more than 45 words has two thoughts."""
+    parts = ast.JoinedStr, ast.FormattedValue, ast.BinOp, ast.Expr  # and docstrings
+    said = [(place, text) for place, text, within in messages() if not issubclass(within, parts)]
+    said = [one for one in said if re.search(r'\w+ \S+ \S+ .*[.?]$', one[1])]
+    assert len(said) > 300
+    lines = [f'{place}\n    {text}' for place, text in said]
+    (ROOT / 'build').mkdir(exist_ok=True)
+    (ROOT / 'build/messages.txt').write_text('\n'.join(lines), 'utf-8')
+    sentences = [sentence for _, text in said for sentence in re.split(r'[.?:;] ', text)]
+    long = [sentence for sentence in sentences if sentence.count(' ') > 44]
+    assert long == []
 
 
 def quoted():
@@ -123,7 +138,7 @@ def test_a_quoted_message_is_one_of_the_code(message):
     """Holes may stand for more in the document than in the code, never for less."""
     parts = [part.strip(' .') for part in message.split('…') if part.strip(' .,;')]
     pattern = '.*'.join(map(re.escape, parts))
-    assert any(re.search(pattern, string) for string in messages()), message
+    assert any(re.search(pattern, text) for _, text, _ in messages()), message
 
 
 def test_hooks_before_a_commit_run_what_make_lint_runs():

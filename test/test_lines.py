@@ -8,13 +8,11 @@ ROOT = Path(__file__).parents[1]
 #: Most lines of Python. The numbers only go down; where one has to go up, a comment beside it says
 #: what a user gets for it.
 MOST = {
-    # Above the goal of 21 500: some 1 200 lines came for faults that left 1 to 188 N with every
-    # status OK (clocks, tares, thermometers, single axes, drivers that come back), and 190 for
-    # tables that were read wrongly without a word. Each has a row in docs/reliability.md. The
-    # newest 20: saturation in seldom pulses, and axes that no recording of the model had.
-    'wrist_ft_comp': 23_086,
-    'test': 19_252,
-    'bench': 5_208,
+    # Above the goal of 21 500: 1 300 lines came for faults that left 1 to 188 N with every status
+    # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
+    'wrist_ft_comp': 22_931,
+    'test': 19_000,
+    'bench': 5_194,
 }
 
 

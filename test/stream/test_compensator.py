@@ -257,8 +257,7 @@ class TestTare:
             compensator.add_temperature(0, second * SECOND, celsius, (0, LOAD.tolist()))
             if second == tared_s:
                 compensator.set_tare(LOAD, second * SECOND)
-        off = np.abs(compensator.correct(60 * SECOND, LOAD.tolist())).max()
-        assert off == pytest.approx(off_n, abs=1e-6)
+        assert np.ptp(compensator.correct(60 * SECOND, LOAD.tolist())) == pytest.approx(off_n)
         assert ['read 85.0 °C' in why for why in compensator.zero_doubts] == [True] * (off_n > 0)
 
     def test_a_tare_while_the_drift_moves_at_its_limit_ends_that(self, make_model):
@@ -304,7 +303,6 @@ class TestTare:
     def test_a_tare_between_reports_that_moved_the_drift_is_doubted(
         self, make_model, every_s, silent_s, off_n
     ):
-        """The sensor warms by 1.8 K a minute for five minutes, and is tared in the middle."""
         model = make_model({'force_z': (0.4, 0.0, 10.0)})
         compensator = Compensator(1, model=replace(model, deviation={'force_z': 0.03}))
         kelvin = 0.03 * np.clip(np.arange(1500) - 300, 0, 300)
@@ -315,8 +313,7 @@ class TestTare:
             if second == 450:
                 compensator.set_tare(np.array(raw), second * SECOND)
         assert abs(compensator.correct(1500 * SECOND, raw)[2]) == pytest.approx(off_n, abs=0.05)
-        said = ['by the first temperature after' in why for why in compensator.zero_doubts]
-        assert said == [True] * (off_n > 0.1)
+        assert len(compensator.zero_doubts) == (off_n > 0.1)
 
     def test_a_model_of_longer_cells_goes_on_from_the_history(self, make_model):
         fine, coarse = (make_model({'force_z': (0.4, 0.0, 900.0)}, period_s=s) for s in (1, 10))

@@ -91,8 +91,7 @@ def test_a_thermometer_of_another_clock_is_missing_in_the_recording(rig):
             node.node.inputs.take(j, START + (second - late_s) * SECOND, 25.0)
     found = node.diagnosis('calibration')
     assert (found.level, 'without thermometer 2' in found.message) == (b'\1', True), found.message
-    answer = node.call('record', False)
-    assert 'warning: thermometer 2 reported in no cell' in answer.message
+    assert 'warning: thermometer 2 reported in no' in node.call('record', False).message
 
 
 def test_a_recording_goes_on_in_its_file_after_a_kill(rig, tmp_path):
