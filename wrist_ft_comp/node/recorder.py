@@ -120,7 +120,7 @@ class Recorder(Part):
         self.path, self._reference = Path(), cast('Any', None)
         #: Why the last one ended early; empty when it did not.
         self.failure = ''
-        #: Since when, in words for an answer: since the node was killed, or a clock was set.
+        #: What was special, in words for an answer: the node was killed, or a clock was set.
         self._since = ''
 
     def start(self) -> None:
@@ -286,7 +286,7 @@ class Recorder(Part):
     def _renew(self, writer: CsvRecordingWriter) -> CsvRecordingWriter:
         """Go on in another file, because a clock was set."""
         self._writer.put(str(self.path), writer.close)
-        self._since = f' since a clock was set (what came before is in {self.path})'
+        self._since = f', those before a clock was set in {self.path},'
         with writing(self._store.directory):
             self.path = self._store.new_recording_path()
             self._store.mark_recording(self.path)

@@ -122,7 +122,7 @@ def test_a_clock_that_is_set_from_1970_to_today_begins_another_file(rig):
             node.put(second * SECOND, [1.0] * 6)
             node.put_temperature(second * SECOND, 25.0)
     answer = node.call('record', False).message
-    assert f'since a clock was set (what came before is in {path})' in answer
+    assert f'those before a clock was set in {path}, into' in answer
     first, second = (read_recording(p) for p in sorted(path.parent.glob('*.csv')))
     assert (len(first), len(second)) == (8, 7)
 
