@@ -121,7 +121,7 @@ class Recorder(Part):
         #: Why the last one ended early; empty when it did not.
         self.failure = ''
         #: What was special, in words for an answer: the node was killed, or a clock was set.
-        self._since = ''
+        self._remark = ''
 
     def start(self) -> None:
         """Go on with a recording that was cut off when the node was killed."""
@@ -131,7 +131,7 @@ class Recorder(Part):
             except RecordingError as error:
                 self.failure = f'{path} was cut off when the node was killed: {error}'
             else:
-                self._since = ' since the node was started again'
+                self._remark = ' since the node was started again'
                 self.hub.log.warning(f'the node was killed while it recorded; now {answer}')
 
     def doubt(self) -> str:
@@ -246,7 +246,7 @@ class Recorder(Part):
         elif never := self._unheard(recording):
             lacks = f'{", ".join(never)} reported in no cell of these stamps'
         length = f'{rows} thermal cells ({rows * self.period_s:.0f} s)'
-        return warned(f'recorded {length}{self._since} into {self.path}', lacks)
+        return warned(f'recorded {length}{self._remark} into {self.path}', lacks)
 
     def begin(self, cut_off: Path | None = None) -> str:
         """Start the recording of ``~/record``, or go on with one; say where to."""
@@ -274,7 +274,7 @@ class Recorder(Part):
             self.hub.destroy_subscription(reference)
             remedy = 'Make room or choose another data_directory.'
             raise RecordingError(f'{error} {remedy}') from error
-        self._reference, self.path, self.failure, self._since = reference, path, '', ''
+        self._reference, self.path, self.failure, self._remark = reference, path, '', ''
         self._store.mark_recording(path)
         self.current = self.begin_recording(writer)
         self.current.renew = self._renew
@@ -286,7 +286,7 @@ class Recorder(Part):
     def _renew(self, writer: CsvRecordingWriter) -> CsvRecordingWriter:
         """Go on in another file, because a clock was set."""
         self._writer.put(str(self.path), writer.close)
-        self._since = f', those before a clock was set in {self.path},'
+        self._remark = f', those before a clock was set in {self.path},'
         with writing(self._store.directory):
             self.path = self._store.new_recording_path()
             self._store.mark_recording(self.path)
