@@ -60,7 +60,7 @@ def test_a_dask_cluster_learns_the_same_models(robots, script, tmp_path, capsys)
     distributed = pytest.importorskip('distributed')
     by_hand = shutil.copytree(robots / 'SN-0', tmp_path / 'SN-0')
     script.judge(by_hand)
-    options = {'n_workers': 1, 'threads_per_worker': 1, 'dashboard_address': None}
+    options = {'n_workers': 1, 'threads_per_worker': 1, 'dashboard_address': '127.0.0.1:0'}
     cluster = distributed.LocalCluster(host='127.0.0.1', **options)
     with cluster, distributed.Client(cluster) as client:
         script.fleet(client.get_executor(), robots)

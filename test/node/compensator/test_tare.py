@@ -67,6 +67,8 @@ def test_a_moving_load_is_refused_and_the_tare_stays(rig):
     assert not answer.success
     assert 'force_z moved by 3.28 N while taring; at most 1 N are allowed' in answer.message
     assert answer.message.endswith('Hold the robot still and call again.')
+    by_turns = WRENCHES + 4 * (np.arange(51) % 2)[:, np.newaxis]
+    assert 'moved by 2' in tare(node, STAMPS + 7 * SECOND, by_turns).message
     np.testing.assert_allclose(node.ask_output(START + 9 * SECOND, OFFSET), 0.0, atol=1e-12)
     assert node.set('tare.max_deviation', 5).successful
     assert tare(node, STAMPS + 15 * SECOND, moving).success
