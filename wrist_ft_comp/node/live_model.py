@@ -130,8 +130,8 @@ class LiveModel(Part):
         new = [axis for axis, value in zip(AXES, raw, strict=False) if value]
         if new := [axis for axis in new if axis not in stored.model.deviation]:
             trouble = trouble or (
-                f'{", ".join(new)} drift as before: the recordings of the model have no such '
-                'axis; record a warm-up and call ~/calibrate'
+                f'the model knows nothing of {", ".join(new)}, which drift as before; record a '
+                'warm-up and call ~/calibrate'
             )
         yield Status(self.title, WARN if trouble else OK, trouble or summary(stored), numbers)
 

@@ -39,6 +39,8 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 LACKING_S = 60.0
 #: Rows that are farther apart, ns, are of a clock that was set: a computer began in 1970.
 _OTHER_CLOCK_NS = 86_400 * NANOSECONDS
+#: A recording that was cut off goes on after this time at most, s.
+_CUT_OFF_S = 600.0
 #: The answer of ~/record warns where more than this share of the rows holds no wrench.
 _LACKING_SHARE = 0.1
 
@@ -124,15 +126,18 @@ class Recorder(Part):
         self._remark = ''
 
     def start(self) -> None:
-        """Go on with a recording that was cut off when the node was killed."""
-        if (path := self._store.cut_off_recording()) is not None:
-            try:
-                answer = self.begin(path)
-            except RecordingError as error:
-                self.failure = f'{path} was cut off when the node was killed: {error}'
-            else:
-                self._remark = ' since the node was started again'
-                self.hub.log.warning(f'the node was killed while it recorded; now {answer}')
+        """Go on with a recording that was cut off just now, when the node was killed."""
+        path, age_s = self._store.cut_off_recording()
+        if path is None:
+            return
+        self.failure = f'{path} was cut off when the node was killed; record again if it is short'
+        if age_s > _CUT_OFF_S:  # as by the evening's power switch
+            self._store.mark_recording(None)
+            return
+        answer = self.hub.do(self, self.begin, path)
+        if answer is not None:
+            self._remark = ' since the node was started again'
+            self.hub.log.warning(f'the node was killed while it recorded; now {answer}')
 
     def doubt(self) -> str:
         """Say what a recording lacks that it needs, or had before, for LACKING_S; else empty."""

@@ -18,6 +18,7 @@ import fcntl
 from itertools import chain, count
 import os
 from pathlib import Path
+import time
 from typing import Literal
 from weakref import finalize
 
@@ -106,13 +107,13 @@ class NodeFolder:
         """The file that names the recording that runs; after a kill it is still there."""
         return self.directory / 'recordings' / 'unfinished'
 
-    def cut_off_recording(self) -> Path | None:
-        """Find the recording that ran when the last node of this folder was killed."""
+    def cut_off_recording(self) -> tuple[Path | None, float]:
+        """Find the recording that ran when the last node here was killed, and its age, s."""
         with suppress(OSError, ValueError):
             name = self._unfinished.read_text(encoding='utf-8')
             if (path := self._unfinished.with_name(name)) in self.recordings():
-                return path
-        return None
+                return path, time.time() - path.stat().st_mtime
+        return None, 0.0
 
     def mark_recording(self, path: Path | None) -> None:
         """Note which recording runs, or that none does; a disk that refuses keeps none back."""
