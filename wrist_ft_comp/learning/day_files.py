@@ -11,7 +11,7 @@ from math import isnan
 import os
 from pathlib import Path
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from wrist_ft_comp.channels import AXES, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.drift.drift_model import differences
@@ -75,6 +75,16 @@ def span_of(path: Path) -> Span | None:
         return Span(head[0].decode(), first, last, start + len(whole))
     except (ArithmeticError, IndexError, ValueError):
         return None
+
+
+def go_on(kind: Any, path: Path, span: Span, channels: Sequence[str], sensor: SensorNames) -> Any:
+    """Make a writer that goes on after the last whole row; None: other columns, or sensor."""
+    stamp, *columns = span.header.split(',')
+    other_sensor = differences({'before': sensor_in(columns), 'now': sensor})
+    if other_sensor or [stamp, *columns[:-1]] != [kind.stamp, *channels]:
+        return None
+    os.truncate(path, span.size)
+    return kind(path, columns, go_on=True)
 
 
 def day_number(name: str) -> int:
@@ -179,13 +189,9 @@ class DayFiles:
             span = span_of(path) if path and path.is_file() else None
             if path is None or span is None:
                 return None
-            stamp, *columns = span.header.split(',')
-            other_sensor = differences({'before': sensor_in(columns), 'now': self._sensor()})
-            if other_sensor or [stamp, *columns[:-1]] != [_DayWriter.stamp, *self._channels]:
-                return None
-            os.truncate(path, span.size)
-            self._first_ns, self._last_ns = span.first_ns, span.last_ns
-            self._writer = _DayWriter(path, columns, go_on=True)
+            self._writer = go_on(_DayWriter, path, span, self._channels, self._sensor())
+            if self._writer is not None:
+                self._first_ns, self._last_ns = span.first_ns, span.last_ns
         return self._writer
 
     def leave(self) -> None:

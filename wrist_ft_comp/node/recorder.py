@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 import math
-import os
 from pathlib import Path
 import time
 from typing import Any, cast
@@ -21,7 +20,7 @@ from wrist_ft_comp.channels import (
     temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.learning.day_files import span_of
+from wrist_ft_comp.learning.day_files import go_on, span_of
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
 from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.services import service, warned, Work
@@ -265,16 +264,12 @@ class Recorder(Part):
         reference = self.hub.subscribe(WrenchStamped, 'wrench_reference', take, FAST_SENSOR)
         try:
             with writing(self._store.directory):
-                columns = self._columns()
-                span = None if cut_off is None else span_of(cut_off)
-                same = f'{CsvRecordingWriter.stamp},{",".join(self.channels)},'
-                if cut_off is not None and span is not None and span.header.startswith(same):
-                    path = cut_off
-                    os.truncate(path, span.size)  # to its last whole row
-                    writer = CsvRecordingWriter(path, columns, go_on=True)
-                else:
+                path, writer = cut_off or Path(), None
+                if cut_off is not None and (span := span_of(path)) is not None:
+                    writer = go_on(CsvRecordingWriter, path, span, self.channels, self.sensor())
+                if writer is None:
                     path = self._store.new_recording_path()
-                    writer = CsvRecordingWriter(path, columns)
+                    writer = CsvRecordingWriter(path, self._columns())
         except RecordingError as error:
             self.hub.destroy_subscription(reference)
             remedy = 'Make room or choose another data_directory.'

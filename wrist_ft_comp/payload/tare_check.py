@@ -11,7 +11,7 @@ from wrist_ft_comp.series import FloatArray
 #: When a payload becomes active after a tare without one, its weight has to show within this, s.
 _SHOWN_S = 10.0
 #: After a right tare, a free force differs from the weight by less than this, N, or this share of
-#: the weight. A tare is right for sure when that was seen in so many directions.
+#: the weight. A tare is certain after this many directions in which it was so.
 _NEAR_N, _NEAR_SHARE, _PROOFS = 1.0, 0.05, 3
 #: A proven tare is doubted where it was never near for this time, s: tools press for less.
 _PRESSED_S = 600.0

@@ -44,8 +44,8 @@ FORCES, DIRECTIONS, _IN_A_ROW, ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
 _MOUNTED_SHARE = 0.2
 #: Motion is what the weight changes by in this time, s, if it is more than this, N.
 LAG_STEP_S, _LEAST_MOTION_N = 0.1, 0.3
-#: A lag is said after so many looks in motion. Most of them (a share) have to find that the force
-#: is late, or most that it is early, and it has to make so large a share of the weight wrong.
+#: A lag is said when this many looks in motion show it, this share of them as late, or as early,
+#: and when it makes this share of the weight wrong.
 _MOTIONS, _SAME_SIGN, _WRONG_SHARE = 16, 0.9, 0.05
 #: A lag leaves less than this share of the force, in the median: friction leaves more.
 _LAG_REST = 0.6

@@ -102,7 +102,7 @@ def test_a_recording_goes_on_in_its_file_after_a_kill(rig, tmp_path, monkeypatch
     path = killed / 'recordings' / path.name
     with path.open('a') as file:
         file.write('1700')  # of a row
-    again = rig(directory=killed)
+    again = rig(directory=killed, namespace=node.namespace)
     assert again.diagnosis('calibration').message == 'recording'
     feed(again, 5, first=20)
     assert '4 thermal cells (4 s) since the node was' in again.call('record', False).message
