@@ -25,8 +25,8 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 _HELD_UP_S = 3.0
 #: A sensor that sent zeros, or nothing usable, for this time, s, may have begun anew.
 _RESET_S = 1.0
-#: A sensor that is switched on was away for longer than this, s.
-_PAUSE_S = 0.3
+#: Where a counter of nano-, micro- or milliseconds in 32 bits begins anew, ns.
+_FULL_NS = 2**32 * np.array([1, 1_000, 1_000_000])
 #: A clock that begins anew below this, s, is that of a sensor that was switched on.
 _SWITCHED_ON_S = 600.0
 #: What an axis reads that is there, N; of a torque, a tenth of it in N m.
@@ -157,9 +157,9 @@ class WrenchInput(Part):
                 )
         if is_sound:
             self._sound_s, self._unsound = now_s, False
-        # A counter of microseconds in 32 bits begins anew without a pause.
-        is_anew = passed_s < 0 and stamp_ns < _SWITCHED_ON_S * NANOSECONDS
-        if is_anew and away_s > _PAUSE_S and not simulated:
+        is_full = bool((np.abs(self._stamp_ns - _FULL_NS) < NANOSECONDS).any())
+        is_anew = passed_s < 0 and stamp_ns < _SWITCHED_ON_S * NANOSECONDS and not is_full
+        if is_anew and not simulated:
             compensator.doubt_zero(
                 'stamps of the wrench began anew: if the sensor was off, its zero may be another '
                 'one; call ~/tare'
