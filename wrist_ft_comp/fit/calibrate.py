@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks as checks
 from wrist_ft_comp.fit import paper_methods
@@ -70,7 +70,9 @@ def calibrate(
         for number, recording in enumerate(recordings, 1)
     }
     warnings = [warning for recording in recordings for warning in recording.warnings]
-    warnings += [*checks.several_sensors(sensors), *dropped, *stepped, *said, *unknown, *doubts]
+    if apart := differences(sensors):
+        warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
+    warnings += [*dropped, *stepped, *said, *unknown, *doubts]
     warnings += work.warnings if work else ()
     warnings += did_it_move(fits, reference)
     return Calibration(

@@ -1,14 +1,14 @@
 """Whether recordings can be calibrated from: refusals with numbers and a remedy."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 import math
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, axis_unit, SensorNames
-from wrist_ft_comp.drift.drift_model import differences, order_problem
+from wrist_ft_comp.channels import AXES, axis_unit
+from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import AxisData, find_plateaus, MIN_SAMPLES
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, time_in
@@ -99,12 +99,6 @@ def _are_the_same(one: Recording, other: Recording) -> bool:
             equal = np.abs(ours - theirs) <= noise
             shares.append(equal.sum() / (np.isfinite(ours) | np.isfinite(theirs)).sum())
     return len(shares) > 1 and bool(min(shares) > _NEARLY_ALL)
-
-
-def several_sensors(sensors: Mapping[str, SensorNames]) -> list[str]:
-    """Say that recordings are of several sensors, by what they name them."""
-    apart = differences(sensors)
-    return [f'Recordings of several sensors: {apart}. Calibrate every one alone.'] if apart else []
 
 
 def lacks_samples(data: AxisData) -> str:

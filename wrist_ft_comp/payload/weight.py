@@ -1,8 +1,6 @@
 """
 A payload and its weight: F = -m f, τ = c × F at specific force f (docs/algorithm.md, section 7).
 
-It is described in a line for people.
-
 Specific force is that of sensor_msgs/Imu (REP 145): +9.81 m/s² upwards at rest.
 """
 

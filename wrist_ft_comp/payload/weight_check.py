@@ -25,10 +25,10 @@ MOVED_N = 2.0
 _KEPT, _FEWEST = 24, 10
 #: Fewer poses than this say nothing, where a process presses in one of them in each cycle ...
 _FEWEST_POSES = 6
-#: ... Where the force moves against the weight, fewer poses do. It has to move by at least this
-#: share of the weight, the weight by that share of the force, and one turn has to explain all
-#: changes but for a share of MOVED_N.
-_AGAINST_POSES, _AGAINST_SHARE, _AGAINST_REST = 3, 0.7, 0.5
+#: ... They may be nearer, N, where the force moves against the weight, or aside: along it by less
+#: than this share in so many looks. Each moves by at least this share of the other, and one turn
+#: explains all but this share.
+_LOOK_N, _ALONG_SHARE, _LOOKS, _AS_LARGE, _TURN_REST = 0.7, 0.3, 12, 0.7, 0.3
 #: Triples of changes that are tried.
 _TRIPLES = 40
 #: Where this share of the newest changes is that of the weight, in three directions, contacts make
@@ -68,28 +68,33 @@ class WeightCheck:
         self._poses: deque[FloatArray] = deque(maxlen=_KEPT)
         #: Forces and weights between which the force changed, N, (2, 3) each.
         self._moves: deque[FloatArray] = deque(maxlen=FORCES)
+        #: Forces and weights between which the weight changed by less, N, (2, 3) each.
+        self._looks: deque[FloatArray] = deque(maxlen=_LOOKS)
         #: How much oftener the torque showed another centre of mass than not: a contact may.
         self._shifted = 0
-        #: How often in a row these showed a weight that turns otherwise than specific force says.
+        #: How often in a row moves showed a weight that turns otherwise than specific force says.
         self._alone = 0
 
     def begin(self) -> None:
         """Begin anew after another payload was mounted: the change to it is not one of a pose."""
         self._before = None
         self._moves.clear()
+        self._looks.clear()
 
     def add(self, wrench: FloatArray, weight: FloatArray) -> None:
         """Take a wrench before the payload is taken off, and the weight, N and N m, (6,) each."""
         now = np.stack((wrench, weight))
+        if not self._looks or np.linalg.norm(now[1, :3] - self._looks[-1][1]) >= _LOOK_N:
+            self._looks.append(now[:, :3])
         if not self._moves or np.linalg.norm(now[0, :3] - self._moves[-1][0]) >= MOVED_N:
             self._moves.append(now[:, :3])
             self._alone = self._alone + 1 if self._turns_alone() else 0
-            if self._alone >= _IN_A_ROW and not self.found:
-                self.found = (
-                    f'the force turns as the weight of {self._name} does, but specific force is '
-                    'turned otherwise, or stands still: is z of gravity.frame up, and does /tf, '
-                    'or the IMU, show how the robot moves now?'
-                )
+        if not self.found and (self._alone >= _IN_A_ROW or self._is_against()):
+            self.found = (
+                f'the force turns as the weight of {self._name} does, but specific force is '
+                'mirrored, turned otherwise, or stands still: is z of gravity.frame up, and does '
+                '/tf, or the IMU, show how the robot moves now?'
+            )
         if self._before is None:
             self._before = now
             self._poses.append(weight[:3])
@@ -122,18 +127,26 @@ class WeightCheck:
         on_sphere = np.abs(distances / radius_n - 1) < _THICK
         return bool(on_sphere.mean(axis=1).max() >= ON_SPHERE)
 
+    def _is_against(self) -> bool:
+        """Whether the force moves against the weight, or aside, though it is as large."""
+        if len(self._looks) < _LOOKS:
+            return False
+        force, weight = np.swapaxes(self._looks - np.mean(self._looks, axis=0), 0, 1)
+        (turn,) = _fit_turns(force[None], weight[None])
+        rest_n = np.linalg.norm(force - weight @ turn.T, axis=1).max()
+        reach, size = np.linalg.norm(weight), np.linalg.norm(force)
+        is_as_large = _AS_LARGE * reach < size < reach / _AS_LARGE
+        is_turned = np.sum(force * weight) < _ALONG_SHARE * reach**2
+        is_clear = is_as_large and rest_n < _TURN_REST * reach / np.sqrt(_LOOKS)
+        poses = distinct(weight, _LOOK_N)
+        return bool(is_turned and is_clear and len(poses) >= _FEWEST_POSES)
+
     def _compare(self) -> str | None:
         """Say what the changes that are kept show; None where they do not tell."""
-        changes, poses = np.array(self._changes), len(distinct(self._poses))
+        if len(distinct(self._poses)) < _FEWEST_POSES:
+            return None
+        changes = np.array(self._changes)
         force, weight = changes[:, 0, :3], changes[:, 1, :3]
-        if poses < _FEWEST_POSES:
-            (turn,) = _fit_turns(force[None], weight[None])
-            rest_n = np.linalg.norm(force - weight @ turn.T, axis=1).max()
-            is_against = np.sum(force * weight) < -_AGAINST_SHARE * np.sum(weight**2)
-            is_as_large = np.linalg.norm(force) < np.linalg.norm(weight) / _AGAINST_SHARE
-            is_clear = is_against and is_as_large and rest_n < _AGAINST_REST * MOVED_N
-            if not is_clear or poses < _AGAINST_POSES:
-                return None
         triples = _draws(3, len(changes))
         turns = _fit_turns(force[triples], weight[triples])
         moved = np.einsum('tij,nj->tni', turns, weight)
@@ -253,11 +266,11 @@ def _draws(few: int, count: int) -> IntArray:
     return np.random.default_rng(0).random((_TRIPLES, count)).argsort(axis=1)[:, :few]
 
 
-def distinct(forces: Iterable[FloatArray]) -> FloatArray:
-    """Pick forces that differ by MOVED_N from all before, (n, 3)."""
+def distinct(forces: Iterable[FloatArray], apart_n: float = MOVED_N) -> FloatArray:
+    """Pick forces that differ by MOVED_N, or otherwise, from all before, (n, 3)."""
     kept: list[FloatArray] = []
     for force in forces:
-        if all(np.linalg.norm(force - other) >= MOVED_N for other in kept):
+        if all(np.linalg.norm(force - other) >= apart_n for other in kept):
             kept.append(force)
     return np.array(kept)
 

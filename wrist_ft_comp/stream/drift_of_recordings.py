@@ -115,10 +115,8 @@ def judge(
         return
     cells = reporting_cells(measured, model.period_ns)
     longest = longest_gap_s(model) * NANOSECONDS / model.period_ns
-    state, last = (
-        failed_thermometers.start(prediction, temperature_c[cells[0]]),
-        int(cells[0]) - 1,
-    )
+    state = failed_thermometers.start(prediction, temperature_c[cells[0]])
+    last = int(cells[0]) - 1
     for cell in cells.tolist():
         reading_c, missing = temperature_c[cell], cell - last - 1
         if missing > longest:

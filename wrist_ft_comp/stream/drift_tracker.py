@@ -196,7 +196,7 @@ class DriftTracker:
         # Run the model through the gap, on a straight line, and through the cell.
         line_c = believed_c[np.newaxis]
         if gap and self.temperature_c is not None:
-            line_c = temperature_gaps.line_over_gap(self.temperature_c, believed_c, gap)
+            line_c = np.linspace(self.temperature_c, believed_c, gap + 2)[1:].astype(float)
         missing = is_long & (np.arange(len(line_c)) < len(line_c) - 1)
         most = max(round(temperature_gaps.MOST_GAP_S / period_s), 1)
         self.history_c = np.concatenate((self.history_c, line_c))[-most:]

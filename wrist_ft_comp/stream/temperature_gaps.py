@@ -85,11 +85,6 @@ def fill_gaps(means_c: FloatArray, before_c: FloatArray, period_ns: int) -> Floa
     return np.stack([np.interp(cells, at, column[at]) for column in held_c.T], axis=1)
 
 
-def line_over_gap(before_c: FloatArray, after_c: FloatArray, cells: int) -> FloatArray:
-    """Draw the straight line over a gap of some cells, and the one after it, (cells + 1, J)."""
-    return np.linspace(before_c, after_c, cells + 2)[1:].astype(float)
-
-
 def why_forgotten(gap_s: float, longest_s: float, by_clock_s: float = 0.0) -> str:
     """
     Say why a thermal state cannot be used after a gap, in half a sentence; empty where it can.
