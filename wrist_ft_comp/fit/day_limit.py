@@ -6,8 +6,8 @@ import numpy as np
 
 from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.drift.drift_model import AxisModel
-from wrist_ft_comp.fit.axis_data import AxisData, FOLDS
-from wrist_ft_comp.fit.folds import averaged_cells, mean_over, tared_means
+from wrist_ft_comp.fit.axis_data import AxisData
+from wrist_ft_comp.fit.folds import averaged_cells, day_over_blocks, mean_over, tared_means
 from wrist_ft_comp.fit.result import AxisFit, Candidate, HeldOut
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, ROUNDING
@@ -86,23 +86,6 @@ def expected_rms(
         )
     before = float(np.sqrt(uncompensated).mean())
     return day_over_blocks(data, before, DAY_S) * float(np.sqrt(np.mean(left)))
-
-
-def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
-    """
-    Say how many times more is left of a day than of blocks that, uncompensated, leave some RMS.
-
-    A single recording is held out in blocks. What a model leaves wanders like a random walk, so
-    it grows by the root of how much further drift goes in the whole recording; else by nothing.
-    In a day longer than the recording, s, it goes on as it did from a block to the whole.
-    """
-    if data.recordings > 1 or not data.tared or before == 0:
-        return 1.0
-    (residual,) = (values for values in data.residual if np.isfinite(values).any())
-    y = tared_means(residual, data.bin_cells, data.period_s)
-    further = max(1.0, float(np.sqrt(np.mean(y**2))) / before)
-    longer = max(1.0, day_s / (len(residual) * data.period_s))
-    return float(further ** (0.5 * (1 + np.log(longer) / np.log(FOLDS))))
 
 
 def largest_drift(data: AxisData) -> float:

@@ -112,6 +112,23 @@ def hold_out(data: AxisData, cells: Sequence[FloatArray], errors: Sequence[Float
     )
 
 
+def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
+    """
+    Say how many times more is left of a day than of blocks that, uncompensated, leave some RMS.
+
+    A single recording is held out in blocks. What a model leaves wanders like a random walk, so
+    it grows by the root of how much further drift goes in the whole recording; else by nothing.
+    In a day longer than the recording, s, it goes on as it did from a block to the whole.
+    """
+    if data.recordings > 1 or not data.tared or before == 0:
+        return 1.0
+    (residual,) = (values for values in data.residual if np.isfinite(values).any())
+    y = tared_means(residual, data.bin_cells, data.period_s)
+    further = max(1.0, float(np.sqrt(np.mean(y**2))) / before)
+    longer = max(1.0, day_s / (len(residual) * data.period_s))
+    return float(further ** (0.5 * (1 + np.log(longer) / np.log(FOLDS))))
+
+
 def simplest_good(squares: Sequence[float]) -> int:
     """Find the simplest candidate within 15 % of the best by mean squares, the simplest first."""
     best = min(squares)
