@@ -268,11 +268,11 @@ def _draws(few: int, count: int) -> IntArray:
 
 def distinct(forces: Iterable[FloatArray], apart_n: float = MOVED_N) -> FloatArray:
     """Pick forces that differ by MOVED_N, or otherwise, from all before, (n, 3)."""
-    kept: list[FloatArray] = []
+    kept: FloatArray = np.empty((0, 3))
     for force in forces:
-        if all(np.linalg.norm(force - other) >= apart_n for other in kept):
-            kept.append(force)
-    return np.array(kept)
+        if (np.linalg.norm(kept - force, axis=1) >= apart_n).all():
+            kept = np.vstack((kept, force))
+    return kept
 
 
 def _fit_turns(forces: FloatArray, weights: FloatArray) -> FloatArray:
