@@ -25,8 +25,8 @@ Let a running compensator do something, wait for its answer, and print it.
 status shows what is wrong and what to do, the wrench before and after, drift,
 tare and temperatures: again and again in a terminal, until Ctrl-C; else once.
 Its exit code is 1 when the wrench is not compensated or anything else is not ok.
-All services are actions; those of this node are listed where another one is
-asked for."""
+An action is the name of a service; with a wrong name, those of the node are
+listed."""
 _LEVELS = {b'\0': 'ok', b'\1': 'WARNING', b'\2': 'ERROR', b'\3': 'STALE'}
 
 
