@@ -42,7 +42,7 @@ def stepped(*steps, cells=CELLS):
 
 
 @pytest.mark.parametrize('period_s', [1.0, 10.0])
-@pytest.mark.parametrize(('size', 'gap_s'), [(2.0, 0), (-20.0, 0), (-20.0, 100)])
+@pytest.mark.parametrize(('size', 'gap_s'), [(2.0, 0), (-20.0, 0), (-20.0, 400)])
 def test_a_step_is_named_with_time_of_day_size_and_axis(day, size, gap_s, period_s):
     cells = round(CELLS / period_s)
     at = round(2000 / period_s)

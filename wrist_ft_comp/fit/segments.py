@@ -32,8 +32,8 @@ MOVING = {'N': 1.0, 'N m': 0.1}
 #: A step is at least this share of an axis' range. In 100 drawn days with fast heat four steps
 #: were seen that were none, all below 0.025.
 _STEP_SHARE = 0.05
-#: A driver is started again in less than this, s.
-_RESTART_S = 300.0
+#: A driver is started again in less than this, s; a recorder goes on after ten minutes.
+_RESTART_S = 660.0
 #: Drift can be learnt from a segment of at least this length, s. A recording is refused where such
 #: segments are less than half of it.
 SHORTEST_SEGMENT_S = 600.0

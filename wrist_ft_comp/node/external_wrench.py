@@ -64,6 +64,8 @@ class ExternalWrench(Part):
     #: Whether the last tare was of another one.
     _tare_check: TareCheck = field(default_factory=TareCheck)
     _lag_check: LagCheck = field(default_factory=LagCheck)
+    #: What was taken off before a restart, in words, if it is another one than now.
+    _before: str = ''
     #: The payload before the present one.
     _last: LivePayload | None = None
     _growth: Growth = field(default_factory=Growth)
@@ -90,7 +92,10 @@ class ExternalWrench(Part):
         """Offer the topic wrench_external, and choose the payload; a refusal ends the node."""
         output = self.hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
         self.output, self.publish = output, output.publish
+        before = self.counts.payload
         self._hold(self.choice.choose(self.hub.chosen()))
+        if before not in {'', self.counts.payload}:
+            self._before = before
 
     def note_tare(self) -> None:
         """Take that wrench_external was tared just now."""
@@ -134,6 +139,7 @@ class ExternalWrench(Part):
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Subtract another payload from the next wrench on; it was checked before."""
         if self._changed(parameters):
+            self._before = ''
             self._hold(self.choice.choose(self.hub.chosen()))
 
     def _changed(self, parameters: Sequence[Any]) -> dict[str, Any]:
@@ -146,7 +152,7 @@ class ExternalWrench(Part):
         now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
         if payload is not None or self.payload is not None:
             self.hub.log.info(f'payload: {now}')
-        self.payload = payload
+        self.payload, self.counts.payload = payload, now if payload else ''
         # Poses between two grips are too few to judge one: what is known of a payload stays.
         check = self._checks.pop(now, None) or WeightCheck(payload.name if payload else '')
         self._checks[now] = check
@@ -247,6 +253,11 @@ class ExternalWrench(Part):
         yield from self.specific_force.value_doubts(frame)
         if payload is None:
             return
+        if self._before:
+            yield (
+                f'before the restart it was another payload: {self._before}; set payload.active '
+                'to what is mounted; where that is the new one, call ~/tare, too'
+            )
         if changed := changed_frames(payload.frame, self.specific_force.frames()):
             yield (
                 f'{payload.name} was learnt under other frame_ids: {changed}; is it another '

@@ -61,6 +61,8 @@ class Counts:
     before: tuple[int, Sequence[float], bytes] | None = None
     #: The publishers, by their identity in the graph; at first, those before a restart.
     drivers: set[str] = field(default_factory=set)
+    #: What is taken off wrench_external, in words; at first, what was before a restart.
+    payload: str = ''
     #: Usable wrenches that arrived, and corrected ones that were published.
     wrenches: int = 0
     published: int = 0
@@ -177,7 +179,7 @@ class WrenchInput(Part):
         if compensator.tared and (is_new := is_there & (compensator.tare == 0)).any():
             axes = ', '.join(AXES[i] for i in np.flatnonzero(is_new))
             compensator.doubt_zero(f'{axes} read nothing, or 0, at the tare; call ~/tare')
-        if not compensator.zero_doubts and self.sensor.zeroed(free, self._deviation):
+        if not compensator.lasting_doubts and self.sensor.zeroed(free, self._deviation):
             compensator.doubt_zero(
                 'the raw wrench jumped to zero on all axes at once: a program or the driver may '
                 'have zeroed the sensor; call ~/tare'

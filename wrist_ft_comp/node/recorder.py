@@ -121,22 +121,22 @@ class Recorder(Part):
         self.path, self._reference = Path(), cast('Any', None)
         #: Why the last one ended early; empty when it did not.
         self.failure = ''
-        #: What was special, in words for an answer: the node was killed, or a clock was set.
+        #: What was special, in words for an answer: the node ended, or a clock was set.
         self._remark = ''
 
     def start(self) -> None:
-        """Go on with a recording that was cut off just now, when the node was killed."""
+        """Go on with a recording that was cut off just now, when the node ended."""
         path, age_s = self._store.cut_off_recording()
         if path is None:
             return
-        self.failure = f'{path} was cut off when the node was killed; record again if it is short'
+        self.failure = f'{path} was cut off when the node ended; record again if it is short'
         if age_s > _CUT_OFF_S:  # as by the evening's power switch
             self._store.mark_recording(None)
             return
         answer = self.hub.do(self, self.begin, path)
         if answer is not None:
             self._remark = ' since the node was started again'
-            self.hub.log.warning(f'the node was killed while it recorded; now {answer}')
+            self.hub.log.warning(f'the node had ended while it recorded; now {answer}')
 
     def doubt(self) -> str:
         """Say what a recording lacks that it needs, or had before, for LACKING_S; else empty."""
@@ -221,6 +221,7 @@ class Recorder(Part):
         if self.current is not None and self.current.error is not None:
             self.failure = self._ended(str(self.current.error), self.current.rows)
             self.hub.log.error(self.failure)
+            self._store.mark_recording(None)
             self._close()
 
     @service(
@@ -233,6 +234,7 @@ class Recorder(Part):
         if (recording := self.current) is None:
             raise RecordingError(self.failure or 'No recording runs. Start one with ~/record.')
         problems: list[str] = []
+        self._store.mark_recording(None)
         self._close(problems.append)
         while not problems:
             yield
@@ -298,7 +300,6 @@ class Recorder(Part):
         if recording is not None:
             self.hub.destroy_subscription(self._reference)
             self.finish(recording)
-            self._store.mark_recording(None)
             self._writer.put(str(self.path), recording.writer.close, then)
 
     def _ended(self, problem: str, rows: int) -> str:
@@ -308,7 +309,7 @@ class Recorder(Part):
         )
 
     def end(self) -> None:
-        """Close the recording that runs, if one does, and log what it holds."""
+        """Close the recording that runs, log what it holds, and leave its mark: it may go on."""
         if (recording := self.current) is not None:
 
             def report(problem: str) -> None:

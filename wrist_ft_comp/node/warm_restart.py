@@ -66,6 +66,7 @@ class StateKeeper(Part):
             return str(error).removesuffix('.')
         if state is None:
             return ''
+        self.counts.payload = state.payload
         if state.model_sha256 != self.live.sha256:
             return 'the saved state belongs to another model, and so does its tare'
         self._written = state.tare.tobytes(), state.external_tare.tobytes()
@@ -95,7 +96,7 @@ class StateKeeper(Part):
         """Collect what is saved at once when it changes, and where the thermal state ends, ns."""
         stream, drivers = self.compensator, sorted(self.counts.drivers)
         tares = stream.tare.tobytes(), stream.external_tare.tobytes()
-        key = (self.live.sha256, tares, [*stream.zero_doubts], drivers)
+        key = (self.live.sha256, tares, [*stream.zero_doubts], drivers, self.counts.payload)
         return key, stream.tracker.end_ns if stream.compensating else None
 
     def poll(self) -> None:
@@ -124,6 +125,7 @@ class StateKeeper(Part):
         state = SavedState(
             saved_ns, self.live.sha256, stream.tare, stream.memory(), stream.external_tare,
             stream.tared, tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers)),
+            self.counts.payload,
         )  # fmt: skip
         self.writer.put(self.path.name, partial(self._write, state), then)
 

@@ -49,6 +49,8 @@ class SavedState:
     zero_doubts: tuple[str, ...] = ()
     #: The publishers of raw wrenches, by their identity in the graph.
     drivers: tuple[str, ...] = ()
+    #: What was taken off wrench_external, in words.
+    payload: str = ''
 
 
 def save_state(path: Path, state: SavedState) -> None:

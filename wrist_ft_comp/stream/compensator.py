@@ -115,6 +115,11 @@ class Compensator:
             said += early_tare_doubts(-math.inf, 0, 'next temperatures')
         return said
 
+    @property
+    def lasting_doubts(self) -> list[str]:
+        """Those of ``zero_doubts`` that nothing but a tare ends."""
+        return self._said
+
     def add_temperature(
         self,
         thermometer: int,
@@ -282,12 +287,14 @@ class Compensator:
         self._said.clear()
         kept = {j for pair in but for j in pair}
         for spikes in (one for j, one in enumerate(self.tracker.spikes) if j not in kept):
-            spikes.jump = spikes.jump._replace(by_k=0.0, off_k=0.0)
+            spikes.jump = spikes.jump._replace(off_k=0.0)
 
     def reset_tare(self) -> None:
-        """Forget both tares."""
+        """Forget both tares, and that thermometers jumped: what they read now is right."""
         self._waits_since_ns = None
         self._forget_doubts()
+        for spikes in self.tracker.spikes:
+            spikes.jump = spikes.jump._replace(by_k=0.0, off_k=0.0)
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)), tared=False)
 
     def restore_tare(

@@ -45,7 +45,7 @@ class Held:
     def __init__(self, make_hub, folder, source='imu', live=None, model_file='', **chosen):
         self.chosen = {'gravity.source': source, 'gravity.frame': 'up', 'gravity.timeout': 0.2,
                        'model_file': model_file}  # fmt: skip
-        self.counts = Counts()
+        self.counts = Counts(payload=chosen.pop('before', ''))
         stream, store = Compensator(1), SimpleNamespace(directory=folder, locate=Path)
         self.force = SpecificForceInput(self.chosen, stream)
         self.part = ExternalWrench(
@@ -144,6 +144,15 @@ def test_only_with_a_payload_and_fresh_specific_force_it_comes(held):
     external = part.ask(START + SECOND, TOOL.weight(ASIDE) + CONSTANT)
     np.testing.assert_allclose(external, CONSTANT, atol=1e-12)
     assert part.status().values['active'] == 'day-1, 1.5000 kg at (0.0100, -0.0200, 0.0600) m'
+
+
+def test_another_payload_than_before_a_restart_is_said_until_one_is_set(held, fake_hub, tmp_path):
+    before = held(**{'payload.active': 'day-2'}).counts.payload
+    part = Held(fake_hub, tmp_path, before=before, **{'payload.active': 'day-1'})
+    part.see(0, UP, CONSTANT)
+    assert part.part.wrong.startswith('before the restart it was another payload: day-2, 2.5000')
+    part.hub.set(part.part, **{'payload.active': 'day-2'})
+    assert part.status().level == OK
 
 
 def test_an_imu_is_asked_when_its_newest_sample_is_behind_the_wrench(held):

@@ -108,6 +108,9 @@ def test_a_recording_goes_on_in_its_file_after_a_kill(rig, tmp_path, monkeypatch
     assert '4 thermal cells (4 s) since the node was' in again.call('record', False).message
     stamps_ns = np.genfromtxt(path, delimiter=',', names=True)['stamp_ns']
     assert ((stamps_ns - START) // SECOND).tolist() == [0, 1, 2, 3, 20, 21, 22, 23]
+    assert again.call('record', True).success
+    again.node.recorder.end()
+    assert (killed / 'recordings/unfinished').exists()  # as of a node that is started again
     shutil.copytree(node.directory, tmp_path / 'late')
     (tmp_path / 'late/recordings/unfinished').write_text(path.name)
     monkeypatch.setattr('wrist_ft_comp.node.recorder._CUT_OFF_S', -1.0)

@@ -167,10 +167,11 @@ def test_a_tare_that_is_not_saved_brings_back_no_older_one(restart, warm, tmp_pa
 
 
 def test_what_is_doubted_of_the_zero_and_the_driver_outlive_a_restart(restart, warm):
-    state = replace(warm, zero_doubts=('the frame was moved',), drivers=('abc',))
+    state = replace(warm, zero_doubts=('the frame was moved',), drivers=('abc',), payload='day-1')
     restarted = restart(state)
     assert restarted.compensator.zero_doubts == ['the frame was moved']
-    assert restarted.keeper.counts.drivers == {'abc'}
+    counts = restarted.keeper.counts
+    assert (counts.drivers, counts.payload) == ({'abc'}, 'day-1')
 
 
 def test_without_temperature_or_tare_nothing_is_written(restart, tmp_path):
