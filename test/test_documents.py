@@ -43,7 +43,6 @@ def test_links_lead_somewhere(document):
 
 @every_document
 def test_files_that_are_named_exist(document):
-    """Paths in backticks that begin with a folder of the project or a room of the package."""
     for name in re.findall(r'`([\w./-]+/[\w.-]+\.?\w*)`', outside_blocks(document)):
         first = name.split('/')[0]
         if first in CODE:

@@ -8,9 +8,9 @@ ROOT = Path(__file__).parents[1]
 #: Most lines of Python. The numbers only go down; where one has to go up, a comment beside it says
 #: what a user gets for it.
 MOST = {
-    # Above the goal of 21 500: 1 300 lines came for faults that left 1 to 188 N with every status
+    # Above the goal of 21 500: 1 330 lines came for faults that left 1 to 188 N with every status
     # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
-    'wrist_ft_comp': 22_938,
+    'wrist_ft_comp': 22_963,
     'test': 19_000,
     'bench': 5_194,
 }

@@ -10,7 +10,6 @@ from wrist_ft_comp.stored.model_file import load_model
 
 @pytest.mark.parametrize('method', ['auto', 'pls'])
 def test_report_reason_and_show_have_the_figures_of_a_calibration(method, done, make, tmp_path):
-    """Which test_folds.py computes by hand."""
     path, page = make.csv(tmp_path / 'day.csv', make.drifting(1980)), tmp_path / 'r.html'
     argv = ['calibrate', path, '-o', tmp_path / 'm.yaml', '--method', method]
     fit = json.loads(done(*argv, '--report', page, '--json'))['axes']['force_z']

@@ -384,7 +384,6 @@ CLOCK_NUMBERS = {
 
 @pytest.mark.parametrize('form', CLOCK_NUMBERS)
 def test_a_clock_is_read_as_one(form, done, tmp_path):
-    """Also over midnight; hours and minutes of a number have sixty parts."""
     text, begin, time = CLOCK_NUMBERS[form]
     t, wrench, celsius = day(1)
     start = datetime(2026, 3, 5) + timedelta(hours=begin)

@@ -199,7 +199,6 @@ def test_numbers_of_columns_go_on_through_joined_tables(run, tmp_path):
 
 @pytest.mark.parametrize('block', [1234, table.BLOCK])
 def test_where_a_clock_begins_anew_a_file_is_cut_as_is_said(block, run, tmp_path, monkeypatch):
-    """Three days are cut twice; no command writes what is there."""
     monkeypatch.setattr(table, 'BLOCK', block)
     monkeypatch.chdir(tmp_path)
     form = {**FORMS['dewesoft'], 'head': 'Time (s);Fx (N);Fy (N);Fz (N);T int (°C)'}

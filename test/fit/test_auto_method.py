@@ -81,7 +81,6 @@ class TestWhatIsFound:
 
 
 def test_the_model_is_anchored_at_rest(pose):
-    """No drift at rest at T_ref but the gain error of the loaded axis."""
     loaded = ridges.identify_auto(pose(0.5, load_n=20.0), LINE)
     plain = ridges.identify_auto(pose(-1.0, seed=1), LINE)
     for fit in (loaded, plain):

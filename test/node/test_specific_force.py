@@ -78,7 +78,6 @@ def test_imu_samples_are_passed_on_and_unusable_ones_are_counted(start, messages
 
 @pytest.mark.usefixtures('ros_domain', 'tf_messages')
 def test_tf_gives_samples_where_all_transforms_are_there(start, messages, moving):
-    """Two publishers: a sample waits for the slower one, and is interpolated."""
     part, hub = start()
     assert part.problem().startswith('TF does not say how tool is turned against world: ')
     for milliseconds in range(0, 2000, 4):

@@ -82,7 +82,6 @@ EVERYWHERE = still(np.random.default_rng(3).normal(size=(100, 3)))
 
 @pytest.mark.parametrize('contacts', [0.0, 0.15])
 def test_a_minute_of_ordinary_motion_gives_mass_and_center(contacts):
-    """Within 3 % and 5 mm; stated errors cover two standard errors and a half."""
     pressed = []
     for seed in range(4):
         cells, tool, share = collected(seed, contacts)

@@ -27,7 +27,6 @@ def measured(frame, true):
 
 
 def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(tool, make_model):
-    """And with it the tare of the wrench stays what it was: it knows that one pose only."""
     assert str(tool) == 'tool-1, 1.5000 kg at (0.0100, -0.0200, 0.0600) m'
     model = make_model({'force_z': (0.4, 2e-3, 1e-9), 'torque_x': (0.01, 0.0, 1e-9)})
     compensator = Compensator(1, StreamSettings(), model)

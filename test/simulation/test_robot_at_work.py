@@ -4,7 +4,6 @@ from wrist_ft_comp.simulation.robot_at_work import draw_work, lever, move, WorkS
 
 
 def test_speeds_and_specific_force_are_those_of_the_path():
-    """Differences of the pose, and of a point's path, twice, in the world's frame."""
     work, step = draw_work(WorkSettings(), np.random.default_rng(5)), 1e-3
     times = np.random.default_rng(0).uniform(0, work.begins_s[-1], 500)
     before, now, after = (move(work, times + k * step) for k in (-1, 0, 1))

@@ -126,7 +126,6 @@ def test_the_history_says_what_ran_on_a_day_and_when_a_person_decided_last():
 
 
 def test_leftovers_of_killed_processes_are_swept(store):
-    """A process that is killed while it writes can't remove its temporary file."""
     store.activate([HistoryEntry(None)])
     source = (
         'import os, signal, sys; from pathlib import Path\n'

@@ -69,7 +69,6 @@ def test_strays_are_dropped_and_time_going_on_elsewhere_is_followed(leap, strays
     ids=['slow', 'becomes slow'],
 )
 def test_a_slow_thermometer_is_heard_with_all_its_samples(before, step_s, heard):
-    """Or a simulation that is hundreds of times as fast as the clock."""
     clocks = make()
     stamps = [k * SECOND for k in range(before)]
     stamps += [(before - 1 + k * step_s) * SECOND for k in range(1, len(heard) - before + 1)]

@@ -74,7 +74,6 @@ def test_the_output_is_the_equation_with_the_drift_of_its_time(model):
 @pytest.mark.parametrize('set_s', [-50_000, -30, 8, 90])
 @pytest.mark.parametrize('silent_s', [1, 600])
 def test_a_clock_that_is_set_leaves_the_thermal_state(make_model, set_s, silent_s):
-    """By arrival nothing passed, so the drift is what it would have been."""
     drifts = []
     for moved_s in (0, set_s):
         model = make_model({'force_z': (2.0, 0.0, 600.0)}, thermometers=2)

@@ -238,7 +238,6 @@ def test_a_zero_that_is_made_while_the_drift_may_be_off_is_doubted(
 
 @pytest.mark.parametrize('hours', [0, 12])
 def test_a_clock_that_stood_still_over_the_night_is_seen_by_the_temperatures(make_model, hours):
-    """A computer whose clock goes on where it was shut down."""
     model = doubting(make_model, 1200.0)
     evening, morning = (Compensator(1, model=model) for _ in range(2))
     heat(range(1200), lambda second: 22.0 + second / 150, evening)

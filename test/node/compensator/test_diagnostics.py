@@ -152,7 +152,6 @@ def test_axes_that_no_recording_had_are_named_where_the_sensor_has_them(rig, mak
 
 @pytest.mark.parametrize('stamped', [True, False])
 def test_a_thermometer_on_another_clock_than_the_wrench_is_named(rig, monkeypatch, stamped):
-    """What has no stamp is of the time of its arrival."""
     comparison = partial(ClockComparison, patience_s=0.0)
     monkeypatch.setattr('wrist_ft_comp.node.temperature_topics.ClockComparison', comparison)
     node = rig(parameters={'temperature_timeout': 3600})

@@ -42,7 +42,6 @@ def test_gravity_comes_by_tf_in_the_frame_of_the_wrench(wired, bench, messages):
     ],
 )
 def test_a_publisher_that_cannot_be_heard_is_named(wired, driver, source, kind, topic, said):  # noqa: PLR0913, PLR0917
-    """Of another type, and transforms that are not kept for those who come later."""
     node = wired(parameters={'gravity.source': source, 'gravity.frame': 'base'})
     name = topic if topic[0] == '/' else node.topic(topic)
     driver().helper.create_publisher(kind, name, 1)
