@@ -48,7 +48,7 @@ class _Run:
 
 
 class Jump(NamedTuple):
-    """What a thermometer jumped since the last ~/reset_tare, by readings that were believed at last."""
+    """What a thermometer jumped since the last ~/reset_tare, by readings that were believed."""
 
     #: How far in all, K.
     by_k: float = 0.0
