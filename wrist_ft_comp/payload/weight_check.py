@@ -28,7 +28,7 @@ _FEWEST_POSES = 6
 #: ... They may be nearer, N, where the force moves against the weight, or aside: along it by less
 #: than this share in so many looks. Each moves by at least this share of the other, and one turn
 #: explains all but this share.
-_LOOK_N, _ALONG_SHARE, _LOOKS, _AS_LARGE, _TURN_REST = 0.7, 0.3, 12, 0.7, 0.3
+_LOOK_N, _ALONG_SHARE, _LOOKS, _AS_LARGE, _TURN_REST = 0.7, 0.3, 24, 0.7, 0.3
 #: Triples of changes that are tried.
 _TRIPLES = 40
 #: Where this share of the newest changes is that of the weight, in three directions, contacts make
