@@ -95,7 +95,7 @@ class ExternalWrench(Part):
         before = self.counts.payload
         self._hold(self.choice.choose(self.hub.chosen()))
         if before not in {'', self.counts.payload}:
-            self._before = before
+            self._before = self.counts.payload = before  # also after one more restart
 
     def note_tare(self) -> None:
         """Take that wrench_external was tared just now."""
