@@ -71,8 +71,8 @@ class TareService(Part):
 
     @service(
         '~/tare',
-        'makes the present wrench zero, and wrench_external of what payload.active names; refused '
-        'while the load moves',
+        'makes the present wrench zero, with payload.active wrench_external, too; refused while '
+        'the load moves',
     )
     def tare(self, _: Any) -> Work:
         """Collect wrenches for the whole time, of a living sensor, and tare."""
