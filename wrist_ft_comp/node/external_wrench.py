@@ -64,7 +64,7 @@ class ExternalWrench(Part):
     #: Whether the last tare was of another one.
     _tare_check: TareCheck = field(default_factory=TareCheck)
     _lag_check: LagCheck = field(default_factory=LagCheck)
-    #: What was taken off before a restart, in words, if it is another one than now.
+    #: What was chosen at run time before a restart, in words, if it is another one than now.
     _before: str = ''
     #: The payload before the present one.
     _last: LivePayload | None = None
@@ -92,10 +92,10 @@ class ExternalWrench(Part):
         """Offer the topic wrench_external, and choose the payload; a refusal ends the node."""
         output = self.hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
         self.output, self.publish = output, output.publish
-        before = self.counts.payload
         self._hold(self.choice.choose(self.hub.chosen()))
-        if before not in {'', self.counts.payload}:
-            self._before = self.counts.payload = before  # also after one more restart
+        if self.counts.payload == str(self.payload):
+            self.counts.payload = ''
+        self._before = self.counts.payload
 
     def note_tare(self) -> None:
         """Take that wrench_external was tared just now."""
@@ -139,8 +139,8 @@ class ExternalWrench(Part):
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Subtract another payload from the next wrench on; it was checked before."""
         if self._changed(parameters):
-            self._before = ''
             self._hold(self.choice.choose(self.hub.chosen()))
+            self._before, self.counts.payload = '', str(self.payload)
 
     def _changed(self, parameters: Sequence[Any]) -> dict[str, Any]:
         """Pick the new values of the own parameters."""
@@ -152,7 +152,7 @@ class ExternalWrench(Part):
         now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
         if payload is not None or self.payload is not None:
             self.hub.log.info(f'payload: {now}')
-        self.payload, self.counts.payload = payload, now if payload else ''
+        self.payload = payload
         # Poses between two grips are too few to judge one: what is known of a payload stays.
         check = self._checks.pop(now, None) or WeightCheck(payload.name if payload else '')
         self._checks[now] = check
@@ -255,8 +255,8 @@ class ExternalWrench(Part):
             return
         if self._before:
             yield (
-                f'before the restart it was another payload: {self._before}; set payload.active '
-                'to what is mounted; where that is the new one, call ~/tare, too'
+                f'before the restart payload.active was {self._before}, set while the node ran; '
+                'set it to what is mounted, also where that is the one that is named now'
             )
         if changed := changed_frames(payload.frame, self.specific_force.frames()):
             yield (

@@ -61,7 +61,7 @@ class Counts:
     before: tuple[int, Sequence[float], bytes] | None = None
     #: The publishers, by their identity in the graph; at first, those before a restart.
     drivers: set[str] = field(default_factory=set)
-    #: What is taken off wrench_external, in words; at first, what was before a restart.
+    #: The payload that was chosen at run time, in words, also before a restart; else empty.
     payload: str = ''
     #: Usable wrenches that arrived, and corrected ones that were published.
     wrenches: int = 0

@@ -38,6 +38,8 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 LACKING_S = 60.0
 #: Rows that are farther apart, ns, are of a clock that was set: a computer began in 1970.
 _OTHER_CLOCK_NS = 86_400 * NANOSECONDS
+#: So are rows that are this far before the newest, ns: the last ones before a silence come late.
+_BEGUN_ANEW_NS = 900 * NANOSECONDS
 #: A recording that was cut off goes on after this time at most, s.
 _CUT_OFF_S = 600.0
 #: The answer of ~/record warns where more than this share of the rows holds no wrench.
@@ -73,7 +75,8 @@ class OwnRecording:
             self.came_s = time.monotonic()
             if self.came_s < self.goes_on_s:
                 return
-            is_far = abs(stamp_ns - (self.last_ns or stamp_ns)) > _OTHER_CLOCK_NS
+            later_ns = stamp_ns - (self.last_ns or stamp_ns)
+            is_far = not -_BEGUN_ANEW_NS <= later_ns <= _OTHER_CLOCK_NS
             self.last_ns = stamp_ns
             try:
                 if is_far and self.renew is not None:
@@ -121,22 +124,22 @@ class Recorder(Part):
         self.path, self._reference = Path(), cast('Any', None)
         #: Why the last one ended early; empty when it did not.
         self.failure = ''
-        #: What was special, in words for an answer: the node ended, or a clock was set.
+        #: What was special, in words for an answer: the node was killed, or a clock was set.
         self._remark = ''
 
     def start(self) -> None:
-        """Go on with a recording that was cut off just now, when the node ended."""
+        """Go on with a recording that was cut off just now, when the node was killed."""
         path, age_s = self._store.cut_off_recording()
         if path is None:
             return
-        self.failure = f'{path} was cut off when the node ended; record again if it is short'
-        if age_s > _CUT_OFF_S:  # as by the evening's power switch
+        self.failure = f'{path} was cut off when the node was killed; record again if it is short'
+        if not 0 <= age_s <= _CUT_OFF_S:  # as by the evening's power switch
             self._store.mark_recording(None)
             return
         answer = self.hub.do(self, self.begin, path)
         if answer is not None:
             self._remark = ' since the node was started again'
-            self.hub.log.warning(f'the node had ended while it recorded; now {answer}')
+            self.hub.log.warning(f'the node was killed while it recorded; now {answer}')
 
     def doubt(self) -> str:
         """Say what a recording lacks that it needs, or had before, for LACKING_S; else empty."""
@@ -221,7 +224,6 @@ class Recorder(Part):
         if self.current is not None and self.current.error is not None:
             self.failure = self._ended(str(self.current.error), self.current.rows)
             self.hub.log.error(self.failure)
-            self._store.mark_recording(None)
             self._close()
 
     @service(
@@ -234,7 +236,6 @@ class Recorder(Part):
         if (recording := self.current) is None:
             raise RecordingError(self.failure or 'No recording runs. Start one with ~/record.')
         problems: list[str] = []
-        self._store.mark_recording(None)
         self._close(problems.append)
         while not problems:
             yield
@@ -266,11 +267,12 @@ class Recorder(Part):
         reference = self.hub.subscribe(WrenchStamped, 'wrench_reference', take, FAST_SENSOR)
         try:
             with writing(self._store.directory):
-                path, writer = cut_off or Path(), None
+                path, writer, last_ns = cut_off or Path(), None, None
                 if cut_off is not None and (span := span_of(path)) is not None:
                     writer = go_on(CsvRecordingWriter, path, span, self.channels, self.sensor())
+                    last_ns = span.last_ns // NANOSECONDS  # its stamps are in ns, not in s
                 if writer is None:
-                    path = self._store.new_recording_path()
+                    path, last_ns = self._store.new_recording_path(), None
                     writer = CsvRecordingWriter(path, self._columns())
         except RecordingError as error:
             self.hub.destroy_subscription(reference)
@@ -279,7 +281,7 @@ class Recorder(Part):
         self._reference, self.path, self.failure, self._remark = reference, path, '', ''
         self._store.mark_recording(path)
         self.current = self.begin_recording(writer)
-        self.current.renew = self._renew
+        self.current.renew, self.current.last_ns = self._renew, last_ns
         return f'recording into {path}'
 
     def _columns(self) -> tuple[str, ...]:
@@ -300,6 +302,7 @@ class Recorder(Part):
         if recording is not None:
             self.hub.destroy_subscription(self._reference)
             self.finish(recording)
+            self._store.mark_recording(None)
             self._writer.put(str(self.path), recording.writer.close, then)
 
     def _ended(self, problem: str, rows: int) -> str:
@@ -309,7 +312,7 @@ class Recorder(Part):
         )
 
     def end(self) -> None:
-        """Close the recording that runs, log what it holds, and leave its mark: it may go on."""
+        """Close the recording that runs, if one does, and log what it holds."""
         if (recording := self.current) is not None:
 
             def report(problem: str) -> None:

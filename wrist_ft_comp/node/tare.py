@@ -107,7 +107,9 @@ class TareService(Part):
             )
         weights, why, weight = [one for one in self._weights if one is not None], '', None
         if otherwise := self.external.wrong:
-            why = f'{otherwise}; when that is mended, turn the tool about until the status says so'
+            why = otherwise
+            if otherwise == self.external.check.found:
+                why += '; when that is mended, turn the tool about until the status says so'
         elif self.external.payload is not payload:
             why = 'payload.active changed meanwhile'
         elif payload is not None and len(weights) < _FRESH_SHARE * len(self._weights):

@@ -92,8 +92,8 @@ class WeightCheck:
         if not self.found and (self._alone >= _IN_A_ROW or self._is_against()):
             self.found = (
                 f'the force turns as the weight of {self._name} does, but specific force is '
-                'mirrored, turned otherwise, or stands still: is z of gravity.frame up, and does '
-                '/tf, or the IMU, show how the robot moves now?'
+                'mirrored, turned otherwise, or stands still: is z of gravity.frame up, does /tf, '
+                'or the IMU, show how the robot moves now, or does a process press?'
             )
         if self._before is None:
             self._before = now

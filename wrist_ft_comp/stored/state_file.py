@@ -49,7 +49,7 @@ class SavedState:
     zero_doubts: tuple[str, ...] = ()
     #: The publishers of raw wrenches, by their identity in the graph.
     drivers: tuple[str, ...] = ()
-    #: What was taken off wrench_external, in words.
+    #: The payload that was chosen at run time, in words.
     payload: str = ''
 
 

@@ -287,14 +287,12 @@ class Compensator:
         self._said.clear()
         kept = {j for pair in but for j in pair}
         for spikes in (one for j, one in enumerate(self.tracker.spikes) if j not in kept):
-            spikes.jump = spikes.jump._replace(off_k=0.0)
+            spikes.jump = spikes.jump._replace(by_k=0.0, off_k=0.0)
 
     def reset_tare(self) -> None:
-        """Forget both tares, and that thermometers jumped: what they read now is right."""
+        """Forget both tares."""
         self._waits_since_ns = None
         self._forget_doubts()
-        for spikes in self.tracker.spikes:
-            spikes.jump = spikes.jump._replace(by_k=0.0, off_k=0.0)
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)), tared=False)
 
     def restore_tare(

@@ -106,7 +106,7 @@ def _off(model: DriftModel | None, off: FloatArray, *, times: float = _CERTAIN) 
 
 
 def jump_doubts(tracker: DriftTracker) -> list[str]:
-    """Say what thermometers read that moves the zero."""
+    """Say what thermometers read since the last tare that moves the zero."""
     memory_s = 0.0 if tracker.model is None else tracker.memory_s
     pairs = exchanged_thermometers.exchanged_by_jumps(tracker.spikes)
     said = [
@@ -121,7 +121,7 @@ def jump_doubts(tracker: DriftTracker) -> list[str]:
         if spikes.stayed_k:  # it acts for as long as it lasts, whatever the model remembers
             said.append(
                 f'thermometer {j + 1} jumped by {spikes.stayed_k:.1f} K and stayed there; is it '
-                'loose? Mend it, or call ~/reset_tare and ~/tare where it is to stay so'
+                'loose? Mend it, or tare where it is to stay so'
             )
         elif spikes.jump.off_k and spikes.remembered_s(tracker.end_ns, memory_s):
             said.append(

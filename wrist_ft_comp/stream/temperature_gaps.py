@@ -153,5 +153,5 @@ class ThermalMemory:
     thermometers: ThermometerState | None = None
     #: How far what was subtracted may be off, because temperatures were missing.
     uncertainty: Uncertainty | None = None
-    #: How each thermometer has jumped since the last ~/reset_tare.
+    #: How each thermometer has jumped since the last tare.
     jumps: tuple[Jump, ...] = ()

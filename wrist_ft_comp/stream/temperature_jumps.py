@@ -48,7 +48,7 @@ class _Run:
 
 
 class Jump(NamedTuple):
-    """What a thermometer jumped since the last ~/reset_tare, by readings that were believed."""
+    """What a thermometer jumped since the last tare, by readings that were believed at last."""
 
     #: How far in all, K.
     by_k: float = 0.0
@@ -77,7 +77,7 @@ class SpikeFilter:
 
     @property
     def stayed_k(self) -> float:
-        """How far it has jumped and stayed, K; 0 where it came back."""
+        """How far it has jumped and stayed since the last tare, K; 0 where it came back."""
         return self.jump.by_k if abs(self.jump.by_k) > JUMP_K else 0.0
 
     def remembered_s(self, now_ns: int, memory_s: float) -> float:

@@ -147,10 +147,12 @@ def test_only_with_a_payload_and_fresh_specific_force_it_comes(held):
 
 
 def test_another_payload_than_before_a_restart_is_said_until_one_is_set(held, fake_hub, tmp_path):
-    before = held(**{'payload.active': 'day-2'}).counts.payload
+    part = held(**{'payload.active': 'day-1'})
+    part.hub.set(part.part, **{'payload.active': 'day-2'})
+    before = part.counts.payload
     part = Held(fake_hub, tmp_path, before=before, **{'payload.active': 'day-1'})
     assert (part.see(0, UP, CONSTANT).level, part.counts.payload) == (WARN, before)
-    assert part.part.wrong.startswith(f'before the restart it was another payload: {before}; set')
+    assert part.part.wrong.startswith(f'before the restart payload.active was {before}, set while')
     part.hub.set(part.part, **{'payload.active': 'day-2'})
     assert part.status().level == OK
 
