@@ -25,10 +25,10 @@ MOVED_N = 2.0
 _KEPT, _FEWEST = 24, 10
 #: Fewer poses than this say nothing, where a process presses in one of them in each cycle ...
 _FEWEST_POSES = 6
-#: ... They may be nearer, N, where the force moves against the weight, or aside: along it by less
-#: than this share in so many looks. Each moves by at least this share of the other, and one turn
-#: explains all but this share.
-_LOOK_N, _ALONG_SHARE, _LOOKS, _AS_LARGE, _TURN_REST = 0.7, 0.3, 24, 0.7, 0.3
+#: ... Looks at a force that goes against the weight, or aside, may be nearer, N; so many are kept.
+_LOOK_N, _LOOKS = 0.7, 24
+#: Bounds of its share along the weight, of its size beside it, and of what one turn leaves.
+_ALONG_SHARE, _AS_LARGE, _TURN_REST = 0.3, 0.7, 0.3
 #: Triples of changes that are tried.
 _TRIPLES = 40
 #: Where this share of the newest changes is that of the weight, in three directions, contacts make
