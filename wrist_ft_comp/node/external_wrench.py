@@ -138,9 +138,12 @@ class ExternalWrench(Part):
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Subtract another payload from the next wrench on; it was checked before."""
-        if self._changed(parameters):
+        if changed := self._changed(parameters):
+            before = str(self.payload)
             self._hold(self.choice.choose(self.hub.chosen()))
-            self._before, self.counts.payload = '', str(self.payload)
+            # A mass that is set ahead, for when manual is chosen, says nothing of what is mounted.
+            if 'payload.active' in changed or str(self.payload) != before:
+                self._before, self.counts.payload = '', str(self.payload)
 
     def _changed(self, parameters: Sequence[Any]) -> dict[str, Any]:
         """Pick the new values of the own parameters."""

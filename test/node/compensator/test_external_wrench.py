@@ -153,6 +153,8 @@ def test_another_payload_than_before_a_restart_is_said_until_one_is_set(held, fa
     part = Held(fake_hub, tmp_path, before=before, **{'payload.active': 'day-1'})
     assert (part.see(0, UP, CONSTANT).level, part.counts.payload) == (WARN, before)
     assert part.part.wrong.startswith(f'before the restart payload.active was {before}, set while')
+    part.hub.set(part.part, **{'payload.mass': 1.0})
+    assert part.status().level == WARN
     part.hub.set(part.part, **{'payload.active': 'day-2'})
     assert part.status().level == OK
 
