@@ -10,7 +10,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import CalibrationRefusedError
@@ -108,7 +108,7 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         if len(at) < width:
             continue
         raw = recording.wrench[at, column]
-        level = median_filter(raw, width, mode='nearest')
+        level = scipy.ndimage.median_filter(raw, width, mode='nearest')
         distance = np.abs(raw - level)
         limit = max(
             SMALLEST_SIGMA * noise_level([raw]),

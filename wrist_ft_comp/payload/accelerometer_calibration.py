@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
@@ -109,7 +109,9 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
         apart = np.linalg.norm(corrected, axis=1) - GRAVITY
         return np.concatenate((apart / _NORM_NOISE, roots @ found))
 
-    fit = least_squares(errors, np.zeros(len(prior)), loss='cauchy', f_scale=_OUTLIER_SIGMA)
+    fit = scipy.optimize.least_squares(
+        errors, np.zeros(len(prior)), loss='cauchy', f_scale=_OUTLIER_SIGMA
+    )
     covariance = np.linalg.inv(fit.jac.T @ fit.jac)[3:6, 3:6]
     frame = ForceFrame(bias=fit.x[:3], scale=1 / (1 - fit.x[3:6]))
     return frame, fit.x[6:].reshape(-1, 3), covariance

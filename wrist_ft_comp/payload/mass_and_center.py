@@ -9,8 +9,7 @@ it is known. Each axis of the sensor may have a gain error of its own, of about 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
+import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.weight import FARTHEST_M, MOST_KG, Payload
@@ -148,22 +147,22 @@ def rigid_bodies(
         The values, (9 + 4K,), are a rotation from the start, rad, the relative gain errors of the
         six axes, and mass and centre of every body.
         """
-        rotation = start @ Rotation.from_rotvec(values[:3]).as_matrix()
+        rotation = start @ scipy.spatial.transform.Rotation.from_rotvec(values[:3]).as_matrix()
         expected = sign * (1 + values[3:9]) * _gains_of(values[9:].reshape(count, 4), rotation)
         errors = roots @ (gains - expected).reshape(-1, 6) / np.sqrt(spread)
         return np.append(errors, values[3:9] / _SENSOR_GAIN)
 
     mass = -sign * np.einsum('kji,ij->k', gains[:, :, :3], start) / 3
     first = np.append(np.zeros(3 + 6), mass[:, None] * [1.0, 0.0, 0.0, 0.0])
-    found = least_squares(residual, first, x_scale='jac', ftol=1e-12)
+    found = scipy.optimize.least_squares(residual, first, x_scale='jac', ftol=1e-12)
     # The second time, errors contain what no rigid body explains.
     errors = found.fun[:-6]
     roots = roots / np.sqrt(max(1.0, float(errors @ errors) / (len(errors) - 3 - 4 * count)))
-    found = least_squares(residual, found.x, x_scale='jac', ftol=1e-12)
+    found = scipy.optimize.least_squares(residual, found.x, x_scale='jac', ftol=1e-12)
     covariance = np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-12, hermitian=True)
     error = np.sqrt(np.diag(covariance))[9:].reshape(count, 4)
     bodies = found.x[9:].reshape(count, 4)
-    rotation = start @ Rotation.from_rotvec(found.x[:3]).as_matrix()
+    rotation = start @ scipy.spatial.transform.Rotation.from_rotvec(found.x[:3]).as_matrix()
     # What only gain errors of the axes explain is no rigid body, either.
     unexplained = gains - sign * _gains_of(bodies, rotation)
     if scale is not None:

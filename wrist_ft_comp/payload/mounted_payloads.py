@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfinv, gammaincinv
+import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.payload.accelerometer_calibration import rotation_speed
@@ -344,12 +344,13 @@ def with_new_noise(cells: Cells, fit: Fit) -> Fit:
     square = square + least**2
     norm = np.sqrt(np.sum(residual**2 / square, axis=2) / len(AXES))[cells.usable]
     # The norm of standard normal variables, per axis, at the same quantile (of a χ² distribution).
-    expected = np.sqrt(2 * gammaincinv(len(AXES) / 2, LEAST_FREE_SHARE) / len(AXES))
+    expected = np.sqrt(2 * scipy.special.gammaincinv(len(AXES) / 2, LEAST_FREE_SHARE) / len(AXES))
     noise = np.sqrt(square) * np.quantile(norm, LEAST_FREE_SHARE) / expected
     neighbours = cells.usable[:, 1:] & cells.usable[:, :-1]
     if neighbours.any():  # every second cell may turn too fast
         differences = np.abs(np.diff(residual, axis=1))[neighbours]
-        quiet = np.quantile(differences, LEAST_FREE_SHARE, axis=0) / (2 * erfinv(LEAST_FREE_SHARE))
+        quiet = np.quantile(differences, LEAST_FREE_SHARE, axis=0)
+        quiet /= 2 * scipy.special.erfinv(LEAST_FREE_SHARE)
         # What is larger is contact, or a specific force that is not the sensor's.
         noise = np.minimum(noise, WIDTH_SIGMA * quiet)
     return replace(fit, noise=np.maximum(noise, least))
