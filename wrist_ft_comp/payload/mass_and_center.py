@@ -154,7 +154,8 @@ def rigid_bodies(
 
     mass = -sign * np.einsum('kji,ij->k', gains[:, :, :3], start) / 3
     first = np.append(np.zeros(3 + 6), mass[:, None] * [1.0, 0.0, 0.0, 0.0])
-    found = scipy.optimize.least_squares(residual, first, x_scale='jac', ftol=1e-12)
+    # Where no rigid body fits, thousands of steps more would change nothing.
+    found = scipy.optimize.least_squares(residual, first, x_scale='jac', ftol=1e-12, max_nfev=300)
     # The second time, errors contain what no rigid body explains.
     errors = found.fun[:-6]
     roots = roots / np.sqrt(max(1.0, float(errors @ errors) / (len(errors) - 3 - 4 * count)))
