@@ -71,7 +71,7 @@ def main() -> None:
             cells, tool = collected((given.seed, world), contacts, by_tf=by_tf)
             start = time.perf_counter()
             with suppress(CalibrationRefusedError):
-                payload = identify(cells, CELL_S, None).payload
+                payload, _ = identify(cells, CELL_S, None)
                 took_s.append(time.perf_counter() - start)
                 off_kg = abs(payload.mass_kg - tool.mass_kg)
                 off_mm = 1e3 * float(np.linalg.norm(payload.center_m - tool.center_m))
