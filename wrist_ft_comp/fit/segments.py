@@ -99,7 +99,7 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
     What is shorter than half of that is no level, but a contact or a spike. Of a longer touch both
     ends are steps.
     """
-    wrench, sentences = recording.wrench.copy(), list[str]()
+    wrench, sentences, swings = recording.wrench.copy(), list[str](), list[str]()
     least = _LEVEL_SAMPLES if recording.period_s <= BESIDE_S / 2 else 3
     width = max(2 * round(BESIDE_S / 2 / recording.period_s) + 1, least)
     for axis in recording.axes_present:
@@ -121,6 +121,9 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         alone = np.abs(raw[1:-1] - (raw[:-2] + raw[2:]) / 2)
         is_lone = alone > max(SMALLEST_SIGMA * noise_level([raw]), moving)
         outlying[1:-1] |= is_lone & (np.abs(raw[2:] - raw[:-2]) < alone / 2)
+        scatter = float(np.sqrt(np.mean(distance[~outlying] ** 2)))
+        if scatter > moving:
+            swings.append(f'{axis} by {rounded(scatter, 2)} {axis_unit(axis)}')
         cells = at[outlying]
         if not len(cells):
             continue
@@ -138,6 +141,14 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         sentences.append(
             f'{axis} of {recording.name} stands out by up to {size} for '
             f'{len(cells) * recording.period_s:.0f} s in all, first at {first}; left out.'
+        )
+    if swings:
+        sentences.insert(
+            0,
+            f'{recording.name} swings around its levels of {BESIDE_S:.0f} s, RMS: '
+            f'{", ".join(swings)}, although the load was declared {reference}. Did the robot '
+            'move, or does something vibrate? Record again standing still, or with the specific '
+            'force (--reference payload).',
         )
     return replace(recording, wrench=wrench), sentences
 
