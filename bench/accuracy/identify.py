@@ -17,8 +17,7 @@ import numpy as np
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.identify_payload import identify
-from wrist_ft_comp.payload.live_weight import CELL_S, DURATION_S, MotionCollector
-from wrist_ft_comp.payload.weight import Payload
+from wrist_ft_comp.payload.weight import CELL_S, DURATION_S, MotionCollector, Payload
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.simulation import robot_at_work as robots
 
@@ -72,7 +71,7 @@ def main() -> None:
             cells, tool = collected((given.seed, world), contacts, by_tf=by_tf)
             start = time.perf_counter()
             with suppress(CalibrationRefusedError):
-                payload = identify(cells, CELL_S, None).payload
+                payload, _ = identify(cells, CELL_S, None)
                 took_s.append(time.perf_counter() - start)
                 off_kg = abs(payload.mass_kg - tool.mass_kg)
                 off_mm = 1e3 * float(np.linalg.norm(payload.center_m - tool.center_m))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.payload.live_weight import LivePayload
-from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.payload.weight import ForceFrame, LivePayload, Payload
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000

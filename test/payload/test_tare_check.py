@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.payload.tare_check import TareCheck
+from wrist_ft_comp.payload.weight_check import TareCheck
 
 
 @pytest.mark.parametrize('heavier', [0.0, 0.03])

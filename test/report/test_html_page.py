@@ -110,7 +110,7 @@ def test_a_refused_axis_is_named_once_at_the_top(make, tmp_path):
     recordings = [make.recording()]
     calibration, stored = make.learn(recordings, tmp_path, method='pls')
     refusal = 'force_z drifts too slowly'
-    fit = replace(calibration.fits['force_z'], model=None, refusal=refusal, reason=f'{refusal}.')
+    fit = replace(calibration.fits['force_z'], model=None, refusal=refusal)
     fits = {**calibration.fits, 'force_z': fit}
     warnings = f'{refusal}. It is left.', 'Something else.'
     refused = replace(calibration, fits=fits, warnings=warnings)
@@ -153,7 +153,7 @@ def test_an_evaluation_marks_the_recordings_that_were_learnt_from(view, text):
     assert [row[-2] for row in view('evaluation').rows] == peaks
     names = [day.name for day in view('evaluation').recordings]
     for axis in view('evaluation').axes:
-        assert axis.entry['reason'].startswith('pls')
+        assert axis.entry['chosen'].startswith('pls')
         spreads = axis.entry['time_constant_errors_s']
         assert len(spreads) == len(axis.entry['time_constants_s'])
         assert [name for name, *_ in axis.parts] == names
@@ -181,17 +181,15 @@ def test_four_hours_at_a_cell_a_second_are_no_larger_and_have_own_numbers(make, 
     assert {axis.axis: axis.errors for axis in view.axes} == expected
 
 
-def test_standard_errors_and_reasons_are_shown_where_there_are_any(view):
+def test_standard_errors_are_shown_where_there_are_any(view):
     entry = {
         'time_constants_s': [60.0, 7200.0],
         'time_constant_errors_s': [3.0, None],
-        'reason': 'It was the simplest.',
     }
     first = view('good').axes[0]
     first = replace(first, entry={**first.entry, **entry})
     whole = Outline(page(replace(view('good'), axes=(first,)))).whole
     assert '60 ± 3 s, 7200 s' in whole
-    assert 'It was the simplest.' in whole
 
 
 def test_a_robot_at_work_has_its_payloads_and_what_was_used_on_the_page(text, view):

@@ -67,7 +67,7 @@ def calibration():
             rms_before=1 / 3, rms_after=1e-17, expected_rms=1e-17,
             time_constants_s=(0.1, 777.0) if axis in axes else (),
             time_constant_errors_s=(1 / 3, float('nan')) if axis in axes else (),
-            reason='it leaves 1e-17 N – the best', notes=('zero drift only: “constant”',),
+            notes=('zero drift only: “constant”',),
         )
         for axis in ('force_x', 'force_y', 'force_z', 'torque_z')
     }  # fmt: skip
@@ -186,7 +186,6 @@ def test_the_evidence_is_there_for_people_and_what_nobody_knows_is_null(calibrat
     assert axes['force_y']['model'] is None
     assert axes['force_x']['rms_after'] == 1e-17
     assert axes['force_z']['time_constant_errors_s'] == [1 / 3, None]
-    assert axes['force_x']['reason'] == 'it leaves 1e-17 N – the best'
     assert '“constant”' in text
     assert '.nan' not in text.lower()
     assert repr(calibration).startswith('<Calibration of 2.00 h: force_x 0.333 -> 1e-17')

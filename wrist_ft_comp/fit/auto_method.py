@@ -150,17 +150,7 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
         gains = weights @ fit_all(sums.centred(sums.fold >= 0))
         model = build_axis_model(features, POOL_S, gains[:-1], data.period_s)
     names = ['none', *(fit.name for fit in fits)]
-    fit = state_fit(data, model, COMBINATION if used else 'none', left, names, weights)
-    before = f'no compensation leaves {fit.rms_before:.3g} {fit.unit} RMS'
-    reason = f'No fit was better than none on data that it had not seen: {before}.'
-    if used:
-        heaviest = sorted(fit.candidates, key=lambda candidate: -candidate.weight)[:2]
-        both = ' and '.join(f'{one.name} ({100 * one.weight:.0f} %)' for one in heaviest)
-        reason = (
-            f'An average of {len(fits)} fits leaves {fit.rms_after:.3g} {fit.unit} on held-out '
-            f'data, {before}. The largest shares: {both}.'
-        )
-    return replace(fit, reason=reason)
+    return state_fit(data, model, COMBINATION if used else 'none', left, names, weights)
 
 
 def _compared_squares(errors: FloatArray, bin_s: float) -> FloatArray:

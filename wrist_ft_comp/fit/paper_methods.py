@@ -26,7 +26,7 @@ from wrist_ft_comp.fit import auto_method as ridges
 from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
 from wrist_ft_comp.fit.day_limit import state_fit
-from wrist_ft_comp.fit.folds import fold_means, hold_out, simplest_good, unexplained, WORTHWHILE
+from wrist_ft_comp.fit.folds import fold_means, hold_out, simplest_good, unexplained
 from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr
 from wrist_ft_comp.fit.result import AxisFit
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
@@ -139,9 +139,8 @@ def identify_lags(data: AxisData, settings: IdentificationSettings) -> AxisFit:
             f'longest recording. Record at least {2 * data.longest_s / 3600:.1f} h from cold, or '
             'choose the method pls'
         )
-        return replace(
-            compete(data, {}, may_be_none=True), candidates=fit.candidates, refusal=refusal,
-            reason=f'{refusal}.')  # fmt: skip
+        none = compete(data, {}, may_be_none=True)
+        return replace(none, candidates=fit.candidates, refusal=refusal)
     # The jackknife: how far the fits scatter that were made without each fold in turn.
     others = [refits[fit.chosen](data.without(fold))[0] for _, fold in data.folds_by_recording]
     others_s = [_time_constants_s(model, data.period_s) for model in others if model]
@@ -221,19 +220,12 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
     by_fold = zip(*([errors for _, errors in of_one] for of_one in means.values()), strict=True)
     left = hold_out(data, cells, [np.stack(errors, axis=1) for errors in by_fold])
     squares = left.squares().mean(axis=0)[first:].tolist()
-    winner = simplest_good(squares)
-    chosen, best = names[first + winner], names[first + squares.index(min(squares))]
+    winner = first + simplest_good(squares)
+    chosen = names[winner]
     model, notes = refits[chosen](data)
     if model is not None:
         model = anchor(data, model)
-    weights = np.eye(len(names))[first + winner]
-    fit = state_fit(data, model, chosen, left, names, weights, notes)
-    reason = (
-        f'{chosen} leaves {fit.rms_after:.3g} {fit.unit} RMS on held-out data, no compensation '
-        f'{fit.rms_before:.3g} {fit.unit}. Of {len(squares)} candidates it is the simplest within '
-        f'{100 * WORTHWHILE:.0f} % of the best in mean square, which is {best}.'
-    )
-    return replace(fit, reason=reason)
+    return state_fit(data, model, chosen, left, names, np.eye(len(names))[winner], notes)
 
 
 def anchor(data: AxisData, model: AxisModel) -> AxisModel:

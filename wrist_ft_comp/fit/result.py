@@ -102,8 +102,6 @@ class AxisFit:
     time_constants_s: tuple[float, ...] = ()
     #: What had to be mended, and what could not be learnt, in sentences.
     notes: tuple[str, ...] = ()
-    #: Why this candidate, in a sentence with its numbers.
-    reason: str = ''
     #: ... and their standard errors, s.
     time_constant_errors_s: tuple[float, ...] = ()
     #: Why this axis could not be learnt although it drifts; empty when it was.

@@ -46,13 +46,10 @@ def answer(job: CalibrationJob) -> dict[str, Any]:
 def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
     cells = np.array(minute.cells, dtype=float).reshape(-1, CHANNELS)
     sensor = minute.sensor and ForceFrame(np.eye(3), *np.array(minute.sensor))
-    found = identify(cells, minute.period_s, sensor)
-    frame = found.frame.learnt_by(job.topics.force_source, job.topics)
-    (name,) = add_payloads(job.output, IDENTIFIED, [found.payload], frame, minute.taken)
-    message = (
-        f"{payload_line(name, found.payload)} in the wrench's frame. Contact was taken for "
-        f'{found.contact:.0%} of the time, {found.fast:.0%} was too fast.'
-    )
+    payload, frame = identify(cells, minute.period_s, sensor)
+    frame = frame.learnt_by(job.topics.force_source, job.topics)
+    (name,) = add_payloads(job.output, IDENTIFIED, [payload], frame, minute.taken)
+    message = f"{payload_line(name, payload)} in the wrench's frame."
     return {
         'success': True, 'message': message, 'name': name, 'rotation': frame.rotation.tolist(),
     }  # fmt: skip

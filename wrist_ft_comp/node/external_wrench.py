@@ -13,10 +13,20 @@ from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.node.payload_choice import changed_frames, PayloadChoice
 from wrist_ft_comp.node.raw_wrench import Counts, is_silent
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.payload.live_weight import LivePayload, MotionCollector
-from wrist_ft_comp.payload.tare_check import HiddenWeight, TareCheck
-from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, MOST_KG
-from wrist_ft_comp.payload.weight_check import LAG_STEP_S, LagCheck, WeightCheck
+from wrist_ft_comp.payload.weight import (
+    FARTHEST_M,
+    ForceFrame,
+    LivePayload,
+    MOST_KG,
+    MotionCollector,
+)
+from wrist_ft_comp.payload.weight_check import (
+    HiddenWeight,
+    LAG_STEP_S,
+    LagCheck,
+    TareCheck,
+    WeightCheck,
+)
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter

@@ -10,8 +10,7 @@ import numpy as np
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.payload.live_weight import LivePayload
-from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
+from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, LivePayload, Payload
 from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
 
 #: Value of payload.active for the payload of payload.mass and payload.center_of_mass.

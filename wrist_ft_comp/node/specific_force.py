@@ -12,8 +12,7 @@ from sensor_msgs.msg import Imu
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.node.raw_wrench import RecentFrames
-from wrist_ft_comp.payload.live_weight import Force
-from wrist_ft_comp.payload.weight import ForceFrame, FrameIds
+from wrist_ft_comp.payload.weight import Force, ForceFrame, FrameIds
 from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.parameters import at_start
 from wrist_ft_comp.ros.rclpy_internals import waiting

@@ -5,7 +5,7 @@ A minute is separated as a day is, but it holds a few poses, and a contact may l
 of one. So the start is the best of many fits to a few cells each, by the poses that it explains.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,19 +32,9 @@ _ONE_POSE_RAD = 0.2
 _NOISE_N = 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class Identified:
-    """The payload of a minute."""
-
-    payload: Payload
-    frame: ForceFrame
-    #: Share of the slow cells that were in contact.
-    contact: float
-    #: Share of all cells in which the tool turned too fast.
-    fast: float
-
-
-def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> Identified:
+def identify(
+    cells: FloatArray, period_s: float, sensor: ForceFrame | None
+) -> tuple[Payload, ForceFrame]:
     """
     Identify the payload in a minute of motion; CalibrationRefusedError where it is not determined.
 
@@ -87,8 +77,7 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
         )
     if doubts := found.doubts():
         raise CalibrationRefusedError(doubts[0])
-    frame = replace(frame, rotation=found.rotation)
-    return Identified(found.payload(0), frame, 1 - free, 1 - float(slow.mean()))
+    return found.payload(0), replace(frame, rotation=found.rotation)
 
 
 def _start(cells: Cells) -> Fit:

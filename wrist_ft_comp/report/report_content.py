@@ -28,9 +28,7 @@ _FIGURES = 'before, left: root mean square.'
 #: Errors below this one, N or N m, are written as 0: no sensor resolves them.
 _RESOLVED = 1e-6
 #: The entry of an axis that the model does not know.
-_NO_ENTRY = {
-    'chosen': 'none', 'reason': '', 'time_constants_s': [], 'candidates': [], 'notes': [],
-}  # fmt: skip
+_NO_ENTRY = {'chosen': 'none', 'time_constants_s': [], 'candidates': [], 'notes': []}
 
 
 @dataclass(frozen=True, eq=False)

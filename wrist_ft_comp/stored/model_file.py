@@ -82,7 +82,6 @@ class _Axis:
     rms_after: float
     expected_rms: float
     day_limit: float | None
-    reason: str
     time_constants_s: tuple[float, ...]
     time_constant_errors_s: tuple[float | None, ...]
     notes: tuple[str, ...]

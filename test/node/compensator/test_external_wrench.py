@@ -405,7 +405,7 @@ def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
 
 @pytest.mark.parametrize(('on', 'name'), [(True, ''), (False, ''), (True, 'day-1')])
 def test_a_tool_that_was_on_at_a_tare_without_its_name_is_a_warning(held, monkeypatch, on, name):
-    monkeypatch.setattr('wrist_ft_comp.payload.tare_check._SHOWN_S', -1.0)
+    monkeypatch.setattr('wrist_ft_comp.payload.weight_check._SHOWN_S', -1.0)
     part, weight = held(**{'payload.active': name}), TOOL.weight(UP)
     part.part.compensator.set_tare(on * weight + CONSTANT, START, weight if name else None)
     for active in ('', 'day-1'):
