@@ -265,10 +265,9 @@ def sum_by_fold(data: BinnedData, features: Sequence[FloatArray]) -> SumsByFold:
     """Sum products of all columns over every fold of every segment; features are (n_i, K·F)."""
     products, pairs = [], []
     for i, x in enumerate(features):
-        used = data.moments[i][:, 0, 0] > 0
-        pair_of_bin = np.stack((data.segments[i], data.folds[i]), axis=1)
-        for pair in np.unique(pair_of_bin[used], axis=0):
-            rows = used & (pair_of_bin == pair).all(axis=1)
+        used, segments, folds = data.moments[i][:, 0, 0] > 0, data.segments[i], data.folds[i]
+        for pair in sorted(set(zip(segments[used].tolist(), folds[used].tolist(), strict=True))):
+            rows = used & (segments == pair[0]) & (folds == pair[1])
             moments, columns = data.moments[i][rows], np.insert(x[rows], 0, 1.0, axis=1)
             # Of 1 and w, each times 1 and x, with one another; then of these with r - w.
             behind = moments[:, :-1, :-1, np.newaxis] * columns[:, np.newaxis, np.newaxis]
