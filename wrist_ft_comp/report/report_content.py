@@ -169,7 +169,7 @@ def calibration_content(
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
         levels[axis] = 'weak' if verdict.level == 'uncalibrated' and drifts else verdict.level
     case = advices.Case(
-        recordings, coverage, reference, levels, calibration.warnings,
+        recordings, coverage, levels,
         [Path(path) for path, _ in model_sources(stored)],
         stored.sensor.get('temperature_topics', ()),
         run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
@@ -236,8 +236,8 @@ def evaluation_content(
         run = f'{compensate} -o compensated.csv --tare 60\nOr live, with your topics:\n{run}'
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = advices.Case(
-        recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
-        warnings, paths, stored.sensor.get('temperature_topics', ()),
+        recordings, coverage, {axis.axis: axis.verdict.level for axis in axes},
+        paths, stored.sensor.get('temperature_topics', ()),
         beyond=beyond, loose=loose, run=run if is_another_day else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
