@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import json
 from pathlib import Path
 import shlex
@@ -66,10 +66,8 @@ class Case:
     slowest_s: float = 0.0
     #: Of an evaluation: the temperatures that the model learnt, °C.
     learnt_c: Sequence[tuple[float, float]] = ()
-    #: Of an evaluation: axes whose errors are above the stated limit, and a text with both.
-    beyond: Mapping[str, str] = field(default_factory=dict)
-    #: Of an evaluation: good axes whose limit is unknown, or as large as the drift.
-    loose: Sequence[str] = ()
+    #: Of an evaluation: axes whose errors are above the stated limit.
+    beyond: Sequence[str] = ()
 
 
 def start_command() -> list[str]:
@@ -176,26 +174,21 @@ def _recorded(case: Case) -> Iterator[str]:
 
 def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
     """Say what an evaluation asks for."""
-    left = f'In these recordings {_enumerate(outside)} left the range that the model was learnt'
     if case.beyond:
-        where = f' {left} from, and outside of it no limit holds.' if outside else ''
         yield (
             'The largest error is above the limit that the calibration stated for 9 of 10 days: '
-            f'{", ".join(case.beyond.values())}.{where} See in the report (--report) when the '
-            'error began: the zero may have jumped (a tare in the driver, a contact, another '
-            'tool), a cable may pull, a temperature may be missing, or it is another sensor. If '
-            'it is nothing of that, calibrate again with these recordings among the others.'
+            f'{_enumerate(case.beyond)}. See in the report (--report) when the error began: the '
+            'zero may have jumped (a tare in the driver, a contact, another tool), a cable may '
+            'pull, a temperature may be missing, or it is another sensor. If it is nothing of '
+            'that, calibrate again with these recordings among the others.'
         )
-    elif outside:
-        yield f'{left} from. {_CALIBRATE_AGAIN}'
+    if outside:
+        yield (
+            f'In these recordings {_enumerate(outside)} left the range that the model was learnt '
+            f'from; outside of it the limits say nothing. {_CALIBRATE_AGAIN}'
+        )
     elif case.run and {'good'} <= {*case.levels.values()} <= {'good', 'uncalibrated'}:
-        holds = 'The model holds on these recordings. Run it:'
-        if case.loose:
-            holds = (
-                f'The limit of {_enumerate(case.loose)} is unknown or as large as the drift: how '
-                f'good the model is on other days is not sure yet. {_CALIBRATE_AGAIN} Until then:'
-            )
-        yield f'{holds}\n{case.run}'
+        yield f'The model holds on these recordings. Run it:\n{case.run}'
 
 
 def _enumerate(words: Sequence[str]) -> str:

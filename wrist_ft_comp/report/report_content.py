@@ -204,8 +204,6 @@ def evaluation_content(
     moved_k = max(np.ptp(mean_over(r.temperature_c, over), axis=0).max() for r in recordings)
     both = np.concatenate([np.stack(judged.errors, axis=2) for judged in evaluated])
     axes: list[AxisView] = []
-    beyond: dict[str, str] = {}
-    loose: list[str] = []
     for axis, errors in judge_errors([judged.errors for judged in evaluated]).items():
         unit, limit = axis_unit(axis), stored.model.day_limits.get(axis, np.nan)
         left = both[:, AXES.index(axis)]
@@ -220,10 +218,6 @@ def evaluation_content(
             moved_k=moved_k, parts=by_fold, limit=limit))  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
         axes.append(AxisView(axis, unit, verdict, errors, series, entry, limit, parts))
-        if errors.max_after > limit:
-            beyond[axis] = f'{axis} {rounded(errors.max_after)} {unit} (limit {rounded(limit)})'
-        elif verdict.level == 'good' and not limit < errors.max_before:
-            loose.append(axis)
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
     # A table and a model of tables name no topics.
@@ -238,7 +232,8 @@ def evaluation_content(
     case = advices.Case(
         recordings, coverage, {axis.axis: axis.verdict.level for axis in axes},
         paths, stored.sensor.get('temperature_topics', ()),
-        beyond=beyond, loose=loose, run=run if is_another_day else '',
+        run=run if is_another_day else '',
+        beyond=[axis.axis for axis in axes if axis.errors.max_after > axis.day_limit],
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = ' limit: largest error on 9 of 10 days, as the calibration stated it.'
