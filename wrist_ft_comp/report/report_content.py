@@ -183,7 +183,8 @@ def calibration_content(
     return ReportContent(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
         legend=f'{legend} {verdicts.conditions_of_another_day(calibration)}'.strip(),
-        explanation=explain_folds(first, recordings, reference),
+        explanation=f'Each of {len(np.unique(first.fold))} parts was predicted by a model '
+        f'of the others. Errors are means over {first.bin_s:g} s. Reference: {reference}.',
         axes=tuple(axes), advice=advices.advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
         payloads=calibration.payloads, at_work='' if work is None else _at_work(work))  # fmt: skip
@@ -283,20 +284,6 @@ def _slowest_s(fit: AxisFit) -> float:
     """Find the slowest time constant that was searched, s; those of a bank are given."""
     pairs = zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
     return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
-
-
-def explain_folds(held_out: HeldOut, recordings: Sequence[Recording], reference: Reference) -> str:
-    """Say which parts of the data were held out, and from where errors are counted."""
-    parts, zero = 'recordings', 'The errors of each are tared in its first minute'
-    if len(recordings) == 1 and held_out.tared:
-        parts = 'parts of the recording'
-    elif len(recordings) == 1:
-        parts, zero = 'plateaus', 'Errors count from the mean of the other plateaus'
-    return (
-        f'Each of the {len(np.unique(held_out.fold))} {parts} was predicted from its temperatures '
-        f'by a model that was fitted to the others. {zero}, and averaged over '
-        f'{held_out.bin_s:g} s. Reference: {reference}.'
-    )
 
 
 def _at_work(separation: Separation) -> str:
