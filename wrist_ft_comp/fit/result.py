@@ -12,9 +12,6 @@ from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.series import FloatArray, IntArray
 
-#: A model that leaves this many times what no model leaves does harm; less may be chance.
-HARMFUL_RATIO = 1.05
-
 
 @dataclass(frozen=True)
 class Candidate:
@@ -117,11 +114,6 @@ class AxisFit:
     #: Largest drift without compensation since a recording's first minute, in means over 10 s; NaN
     #: where nothing is tared, as for a chamber test.
     largest_drift: float = np.nan
-
-    @property
-    def harmful(self) -> bool:
-        """Whether it leaves more drift than no compensation, by more than chance."""
-        return self.rms_after > HARMFUL_RATIO * self.rms_before
 
 
 @dataclass(frozen=True, eq=False)
