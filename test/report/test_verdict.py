@@ -1,9 +1,9 @@
-"""The table of verdicts, at both sides of every threshold, and a calibration in a few lines."""
+"""The table of verdicts, at both sides of every threshold."""
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors
+from wrist_ft_comp.fit.result import FoldErrors
 from wrist_ft_comp.report import verdict
 from wrist_ft_comp.report.evaluation import AxisEvaluation
 from wrist_ft_comp.report.verdict import HARMFUL_RATIO
@@ -77,15 +77,3 @@ def test_an_axis_without_a_model_has_its_reason():
     assert refused == f'It drifts too slowly. {passes}'
     quiet = judge(**bare, noise=10.0).sentence
     assert quiet.startswith('There is nothing to remove')
-
-
-def test_a_calibration_is_a_line_per_axis_and_warnings_follow():
-    fits = {'force_z': AxisFit(None, 'pls', (), 12.3456, 0.0123, 0.0, unit='N', day_limit=0.5)}
-    ranges_c = np.array([[20, 35.5], [-5, 30]])
-    assert verdict.summarise(
-        Calibration(None, fits, ranges_c, 5400.0, ('One.', 'Two.'))
-    ).splitlines() == [
-        'force_z: 12.3 -> 0.0123 N RMS held out (pls), limit 0.5 N',
-        'warning: One.',
-        'warning: Two.',
-    ]

@@ -138,8 +138,10 @@ class Calibration:
     sensor: SensorNames = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        figures = ', '.join(
-            f'{axis} {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit}'
-            for axis, fit in self.fits.items()
-        )
-        return f'<Calibration of {self.duration_s / 3600:.2f} h: {figures} RMS>'
+        lines = [f'Calibration of {self.duration_s / 3600:.2f} h, RMS of held-out errors:']
+        for axis, fit in self.fits.items():
+            line = f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} ({fit.chosen})'
+            limit = '' if np.isnan(fit.day_limit) else f', limit {fit.day_limit:.2g} {fit.unit}'
+            lines.append(line + limit)
+        lines += self.payloads.lines() if self.payloads else []
+        return '\n'.join([*lines, *(f'warning: {warning}' for warning in self.warnings)])

@@ -134,19 +134,6 @@ def judge(evidence: Evidence) -> Verdict:
     return Verdict('good', f'{remainder}.')
 
 
-def summarise(calibration: Calibration) -> str:
-    """Say what was learnt: a line per axis and payload, one on the limits, the warnings."""
-    lines = []
-    for axis, fit in calibration.fits.items():
-        line = f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} RMS held out'
-        line += f' ({fit.chosen})'
-        limit = '' if np.isnan(fit.day_limit) else f', limit {fit.day_limit:.2g} {fit.unit}'
-        lines.append(line + limit)
-    lines += calibration.payloads.lines() if calibration.payloads else []
-    lines += filter(None, [conditions_of_another_day(calibration)])
-    return '\n'.join([*lines, *(f'warning: {warning}' for warning in calibration.warnings)])
-
-
 def conditions_of_another_day(calibration: Calibration) -> str:
     """Say under which conditions the limits of another day hold; nothing of a chamber test."""
     if all(np.isnan(fit.largest_drift) for fit in calibration.fits.values()):
