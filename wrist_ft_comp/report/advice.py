@@ -19,7 +19,7 @@ from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
 
 #: Where the node hears an IMU, unless it is remapped.
-IMU_TOPIC = 'imu'
+_IMU_TOPIC = 'imu'
 #: A recording should last for this many slowest time constants.
 _TIME_CONSTANTS = 4.0
 #: A recording should last for at least this time, s.
@@ -84,7 +84,7 @@ def run_command(topics: Topics, model: object) -> str:
         words += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
     if topics.imu:
         words += ['-p', 'gravity.source:=imu']
-        if topics.imu.strip('/') != IMU_TOPIC:
+        if topics.imu.strip('/') != _IMU_TOPIC:
             words += ['-r', f'imu:={topics.imu}']
     elif topics.gravity_frame:
         words += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
