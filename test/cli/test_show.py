@@ -13,7 +13,6 @@ import pytest
 import yaml
 
 from wrist_ft_comp.learning import diary
-from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.report.days import CHANGES, NAMES
 from wrist_ft_comp.report.pictures import days_figure
@@ -98,8 +97,8 @@ START = 1_770_000_000 * 10**9
 
 @pytest.fixture
 def folder(tmp_path):
-    """A node's folder: two judged days, one of them hit, and one that goes on."""
-    folder = tmp_path / 'robots/left'
+    """A node's folder with three days, one of them hit."""
+    folder = tmp_path / 'left'
     left = {'none': (3.0,) * 6, 'abc': (0.3,) * 6, 'challenger': (0.2,) * 6}
     days = (
         diary.DayEntry(
@@ -118,21 +117,17 @@ def folder(tmp_path):
         why='model_x.yaml was adopted', day='day_00001.csv',
     )  # fmt: skip
     NodeFolder(folder).activate([adopted])
-    files = DayFiles(folder, ('force_x', 'temperature_c'), 1e9, 'day_00004.csv')
-    for hour in range(13):
-        files.append(START + 4 * DAY + hour * 3600 * 10**9, (1.0, 20.0))
-    files.close()
     return folder
 
 
 def test_days_are_summed_up_and_what_happened_is_listed(done, folder):
     text = done('show', folder)
     lines = text.splitlines()
-    assert lines[0].startswith(f'{folder}: days of a node that learns, 4')
+    assert lines[0].startswith(f'{folder}: days of a node that learns, 3')
     for words in (
-        '4 days, 2026-02-02 to 2026-02-06: on a usual day a force drifted by 3 N (RMS);',
+        '3 days, 2026-02-02 to 2026-02-05: on a usual day a force drifted by 3 N (RMS);',
         '2026-02-03 zero jumped: zero of force_z jumped by 4.1 N at 13:02',
-        'day_00004.csv: all well', 'day_00005.csv: not judged yet',
+        'day_00004.csv: all well',
         '2026-02-02 person chose model: model_x.yaml was adopted', 'last change: 2026-05-02',
         'offered: m.yaml', 'paused: zero of force_z jumped',
     ):  # fmt: skip
@@ -147,19 +142,9 @@ def test_days_are_summed_up_and_what_happened_is_listed(done, folder):
     assert document['paused'] == 'zero of force_z jumped'
 
 
-def test_a_day_without_date_and_length_is_judged_without_them(done, folder):
-    (folder / 'days/day_00006.csv').write_text('stamp_s,force_x\n')
-    text = done('show', folder)
-    assert '1970' not in text
-    assert 'day_00006.csv: it is no file with rows of a day' in text
-
-
-def test_the_days_themselves_and_a_folder_of_several_sensors_will_do(done, folder):
-    assert done('show', folder / 'days') == done('show', folder)
-    assert done('show', folder.parent) == done('show', folder)
-    for mark in ('learning.json', 'active.json'):
-        (folder / mark).unlink()
-    assert 'day_00004.csv: all well' in done('show', folder)
+def test_a_day_without_a_date_goes_by_its_name(done, folder):
+    diary.save_diary(folder, diary.Diary((diary.DayEntry('day_00006.csv'),)))
+    assert '1 day, day_00006: none is judged yet.' in done('show', folder)
 
 
 def day(number, live='', *, kind='', incident='', at=None):
@@ -219,16 +204,11 @@ def test_no_label_of_a_picture_lies_on_another_or_outside(count):
 
 
 @pytest.mark.parametrize('content', [None, '{', '{"format": "other"}'])
-def test_without_a_diary_the_files_are_listed(done, folder, content):
+def test_without_a_diary_there_is_a_sentence(run, folder, content):
     path = diary.diary_path(folder)
     path.unlink() if content is None else path.write_text(content)
-    text = done('show', folder)
-    assert 'that learns, 1\n' in text
-    assert 'day_00005' in text
-    (document,) = json.loads(done('show', folder, '--json')).values()
-    broken = content is not None
-    assert len(document['warnings']) == text.count('warning: ') == broken
-    assert all(f'{path} is not a diary' in warning for warning in document['warnings'])
+    said = f'{folder} holds no days that were' if content is None else f'{path} is not a diary'
+    assert said in run('show', folder).sentence
 
 
 def test_a_damaged_memory_is_told(done, folder):
@@ -248,11 +228,7 @@ def test_a_picture_of_a_recording_is_drawn_or_a_sentence_says_why_not(run, drift
     assert 'There is nothing to draw. It holds no raw wrench' in said
 
 
-def test_a_folder_without_days_and_a_picture_of_none_are_sentences(run, folder, model):
-    empty = folder / 'empty'
-    empty.mkdir()
-    (empty / 'state.json').write_text('{}')
-    assert 'holds no days' in run('show', empty).sentence
+def test_a_picture_of_what_has_none_is_a_sentence(run, model):
     assert 'is no recording, and no folder' in run('show', model, '--picture', 'a.png').sentence
 
 

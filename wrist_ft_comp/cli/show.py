@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    path, folders = arguments.file, diaries.node_folders(arguments.file)
+    path = arguments.file
     if arguments.picture:
         figures.PICTURE.check_target(arguments.picture, [path])
         from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
@@ -62,12 +62,11 @@ def run(arguments: argparse.Namespace) -> int:
     if REPORT.is_own(path):
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
         lines = [f'{path}: a report of wrist_ft_comp; open it in a browser']
-    elif folders:
-        found = {folder: _node_days(folder) for folder in folders}
-        document = {str(folder): described for folder, (described, _) in found.items()}
-        lines = [line for _, words in found.values() for line in ('', *words)][1:]
+    elif (path / 'days').is_dir():
+        described_days, lines = _node_days(path)
+        document = {str(path): described_days}
         if arguments.picture:
-            figure = pictures.days_figure(diaries.survey(folders[0]))
+            figure = pictures.days_figure(diaries.survey(path))
     elif path.suffix in {'.yaml', '.yml'} or MODEL.is_own(path):
         stored = load_model(path)
         document, lines = {'sha256': stored.sha256, **stored.document}, [*_model_lines(stored)]
@@ -106,8 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _node_days(folder: Path) -> tuple[dict[str, object], list[str]]:
     """Describe the days of a node, as plain values and in words."""
-    diary, memory = diaries.survey(folder), diaries.Memory()
-    warnings = [diary.problem] if diary.problem else []
+    diary, memory, warnings = diaries.survey(folder), diaries.Memory(), list[str]()
     try:
         memory = diaries.load_memory(folder) or memory
     except StateFileError as error:
