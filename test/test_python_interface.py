@@ -30,7 +30,6 @@ SIGNATURES = {
     'read_recording': '(path, *, period_s=1.0, topics=None, max_bad_share=0.01, progress=None)',
     'recording_from_columns': "(*tables, name='table', period_s=1.0, max_bad_share=0.01)",
     'save_model': '(path, calibration, provenance=None)',
-    'summarise': '(calibration)',
     'write_report': '(path, stored, calibration, recordings)',
     'thermal_sensitivity_drift': '(temperature_c, zero_output, full_scale_output, reference_c)',
     'Compensator': '(thermometers, settings=None, model=None)',

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from wrist_ft_comp.recordings.read import compensate, read_recording, recording_from_columns
     from wrist_ft_comp.report.evaluation import accuracy, evaluate, thermal_sensitivity_drift
     from wrist_ft_comp.report.html_page import write_report
-    from wrist_ft_comp.report.verdict import summarise
     from wrist_ft_comp.stored.model_file import load_model, save_model
     from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
     from wrist_ft_comp.stream.tare import TareCollector
@@ -32,8 +31,7 @@ ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'OMP_NUM_THRE
 _HOMES = {
     'accuracy': 'report.evaluation',
     'thermal_sensitivity_drift': 'report.evaluation',
-    'calibrate': 'fit.calibrate', 'summarise': 'report.verdict',
-    'write_report': 'report.html_page',
+    'calibrate': 'fit.calibrate', 'write_report': 'report.html_page',
     'Calibration': 'fit.result', 'CalibrationSettings': 'fit.settings',
     'compensate': 'recordings.read', 'recording_from_columns': 'recordings.read',
     'Compensator': 'stream.compensator', 'StreamSettings': 'stream.compensator',
@@ -46,7 +44,7 @@ __all__ = [
     'Calibration', 'CalibrationSettings', 'Compensator', 'Recording', 'StreamSettings',
     'TareCollector', 'Topics', 'WristFtCompError', 'accuracy', 'calibrate', 'compensate',
     'evaluate', 'load_model', 'read_recording', 'recording_from_columns', 'save_model',
-    'summarise', 'thermal_sensitivity_drift', 'write_report',
+    'thermal_sensitivity_drift', 'write_report',
 ]  # fmt: skip
 
 if not TYPE_CHECKING:  # or every mistyped name would pass

@@ -39,8 +39,8 @@ from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.ft_sensor import interpolation
-from wrist_ft_comp.stored.background_writer import FileWriter
 from wrist_ft_comp.stored.model_file import save_model
+from wrist_ft_comp.stored.safe_file import FileWriter
 from wrist_ft_comp.wire.gravity_by_tf import tf_layouts
 
 LIFE_S = 12 * 3600
@@ -420,7 +420,7 @@ class Robot:
                     ORIGIN_NS + self.now_ns() + round(self.set_s * NANOSECONDS)
                 ),
                 'os.fsync': self._fsync,
-                'wrist_ft_comp.stored.background_writer.FileWriter.put': put,
+                'wrist_ft_comp.stored.safe_file.FileWriter.put': put,
             }.items():
                 stack.enter_context(mock.patch(name, fake))
             yield

@@ -13,12 +13,12 @@ from pathlib import Path
 import sys
 
 from judging import bench_parser, first_seed
-from years import day_name, live, print_year
+from years import live, print_year
 
+from wrist_ft_comp.cli.show import drift_left, summary, when
 from wrist_ft_comp.learning.diary import Diary
 from wrist_ft_comp.report.pictures import days_figure, png
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.node_folder import HistoryEntry
 
 #: The simulated year begins on this day.
 BEGIN_NS = int(datetime(2026, 1, 5, 6, tzinfo=timezone.utc).timestamp()) * NANOSECONDS
@@ -32,11 +32,8 @@ def main() -> None:
         lived = live(seed, 365, pool)
     print_year(lived)
     days = [replace(day, first_ns=day.first_ns + BEGIN_NS) for day in lived.robot.entries]
-    history = [
-        HistoryEntry(Path('model.yaml'), how='learnt', day=day_name(number))
-        for number in lived.robot.adopted
-    ]
-    picture = png(days_figure(Diary(tuple(days), tuple(history))))
+    diary = Diary(tuple(days))
+    picture = png(days_figure(summary(diary), [when(day) for day in days], drift_left(diary)))
     Path(__file__).parents[1].joinpath('year.png').write_bytes(picture)
 
 

@@ -59,7 +59,7 @@ def test_recordings_at_one_temperature_are_not_judged(done, make, model, tmp_pat
     columns['force_z'], columns['torque_x'] = (3 + noise).tolist()
     path, page = make.csv(tmp_path / 'still.csv', columns), tmp_path / 'r.html'
     done('evaluate', model, path, '--report', page)
-    assert '2 not judged' in page.read_text()
+    assert page.read_text().count('>not judged</td>') == 2
     judged = json.loads(done('evaluate', model, path, '--json'))['verdicts']
     assert {verdict['level'] for verdict in judged.values()} == {'unjudged'}
     moved = make.csv(tmp_path / 'day.csv', make.drifting(seed=3))
@@ -171,7 +171,7 @@ def test_long_silence_is_named_once_by_every_command_that_reads(  # noqa: PLR091
 
 def test_axes_beyond_their_stated_limit_are_named(run, done, make, slow_model, tmp_path):
     """The driver tared in the middle of the day: little is left, and the axis is not good."""
-    columns, limits = make.drifting(3600, 3, every=4), load_model(slow_model).model.day_limits
+    columns = make.drifting(3600, 3, every=4)
     days = [make.csv(tmp_path / 'day.csv', columns)]
     assert 'largest error is above' not in run('evaluate', slow_model, days[0]).out
     columns['force_z'] = [value + 4.0 * (k > 450) for k, value in enumerate(columns['force_z'])]
@@ -179,10 +179,9 @@ def test_axes_beyond_their_stated_limit_are_named(run, done, make, slow_model, t
     outcome = run('evaluate', slow_model, *days)
     assert re.search('force_z +N +weak', outcome.out)
     judged = json.loads(done('evaluate', slow_model, *days, '--json'))
-    peak = judged['axes']['force_z']['max_after']
     said = judged['advice'][0]
     assert 'is above the limit of' in judged['verdicts']['force_z']['why']
     assert 'holds' not in ' '.join(judged['advice'])
-    assert f': force_z {peak:.3g} N (limit {limits["force_z"]:.3g}). See in the report' in said
+    assert '9 of 10 days: force_z. See in the report' in said
     assert outcome.out.count('largest error is above') == 1
     assert 'torque' not in said

@@ -8,7 +8,7 @@ import shutil
 import pytest
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.learning.day_files import DayFiles
+from wrist_ft_comp.learning import diary
 
 PNG = b'\x89PNG\r\n\x1a\n' + b'\0\0\0\rIHDR' + bytes(40)
 
@@ -61,10 +61,8 @@ def own_model(model, tmp_path):
 
 @pytest.fixture
 def folder(tmp_path):
-    files = DayFiles(tmp_path / 'node', ('force_x', 'temperature_c'), 1e9, '')
-    for hour in range(13):
-        files.append((1_770_000_000 + hour * 3600) * 10**9, (1.0, 20.0))
-    files.close()
+    (tmp_path / 'node/days').mkdir(parents=True)
+    diary.save_diary(tmp_path / 'node', diary.Diary((diary.DayEntry('day_00001.csv'),)))
     return tmp_path / 'node'
 
 

@@ -1,10 +1,8 @@
 """What show says of a model, a recording, payloads, and the days of a node; and its tables."""
 
-from dataclasses import replace
 from itertools import combinations
 import json
 from math import nan
-from pathlib import Path
 import re
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -13,9 +11,7 @@ import pytest
 import yaml
 
 from wrist_ft_comp.learning import diary
-from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
-from wrist_ft_comp.report.days import CHANGES, NAMES
 from wrist_ft_comp.report.pictures import days_figure
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
@@ -98,8 +94,8 @@ START = 1_770_000_000 * 10**9
 
 @pytest.fixture
 def folder(tmp_path):
-    """A node's folder: two judged days, one of them hit, and one that goes on."""
-    folder = tmp_path / 'robots/left'
+    """A node's folder with three days, one of them hit."""
+    folder = tmp_path / 'left'
     left = {'none': (3.0,) * 6, 'abc': (0.3,) * 6, 'challenger': (0.2,) * 6}
     days = (
         diary.DayEntry(
@@ -118,22 +114,18 @@ def folder(tmp_path):
         why='model_x.yaml was adopted', day='day_00001.csv',
     )  # fmt: skip
     NodeFolder(folder).activate([adopted])
-    files = DayFiles(folder, ('force_x', 'temperature_c'), 1e9, 'day_00004.csv')
-    for hour in range(13):
-        files.append(START + 4 * DAY + hour * 3600 * 10**9, (1.0, 20.0))
-    files.close()
     return folder
 
 
 def test_days_are_summed_up_and_what_happened_is_listed(done, folder):
     text = done('show', folder)
     lines = text.splitlines()
-    assert lines[0].startswith(f'{folder}: days of a node that learns, 4')
+    assert lines[0].startswith(f'{folder}: days of a node that learns, 3')
     for words in (
-        '4 days, 2026-02-02 to 2026-02-06: on a usual day a force drifted by 3 N (RMS);',
-        '2026-02-03 zero jumped: zero of force_z jumped by 4.1 N at 13:02',
-        'day_00004.csv: all well', 'day_00005.csv: not judged yet',
-        '2026-02-02 person chose model: model_x.yaml was adopted', 'last change: 2026-05-02',
+        '3 days, 2026-02-02 to 2026-02-05: on a usual day a force drifted by 3 N (RMS);',
+        '2026-02-03 zero of force_z jumped by 4.1 N at 13:02',
+        'day_00004.csv: all well',
+        '2026-05-02 model_x.yaml was adopted', 'last change: 2026-05-02',
         'offered: m.yaml', 'paused: zero of force_z jumped',
     ):  # fmt: skip
         assert words in ' '.join(text.split())
@@ -147,88 +139,49 @@ def test_days_are_summed_up_and_what_happened_is_listed(done, folder):
     assert document['paused'] == 'zero of force_z jumped'
 
 
-def test_a_day_without_date_and_length_is_judged_without_them(done, folder):
-    (folder / 'days/day_00006.csv').write_text('stamp_s,force_x\n')
-    text = done('show', folder)
-    assert '1970' not in text
-    assert 'day_00006.csv: it is no file with rows of a day' in text
+def test_a_day_without_a_date_goes_by_its_name(done, folder):
+    diary.save_diary(folder, diary.Diary((diary.DayEntry('day_00006.csv'),)))
+    assert '1 day, day_00006: none is judged yet.' in done('show', folder)
 
 
-def test_the_days_themselves_and_a_folder_of_several_sensors_will_do(done, folder):
-    assert done('show', folder / 'days') == done('show', folder)
-    assert done('show', folder.parent) == done('show', folder)
-    for mark in ('learning.json', 'active.json'):
-        (folder / mark).unlink()
-    assert 'day_00004.csv: all well' in done('show', folder)
-
-
-def day(number, live='', *, kind='', incident='', at=None):
-    """One of many days: 3 N without a model, a tenth of that with one, and a tool of 1.4 kg."""
-    left = {'none': (3.0,) * 6, **({live: (0.3,) * 6} if live else {})}
-    first_ns = START + (number if at is None else at) * DAY
-    return diary.DayEntry(
-        f'day_{number:05d}.csv', first_ns, 9.0, ((18.0, 25.0),), left=left, live=live, kind=kind,
-        incident=incident, payloads=((1.4, 0.0, 0.0, 0.1),))  # fmt: skip
-
-
-def test_an_event_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
-    silent = {'kind': 'thermometer', 'incident': 'On this day thermometer 2 is silent.'}
-    jumped = {'kind': 'zero', 'incident': 'The zero jumped.'}
-    days = (
-        day(1), day(2), day(3, 'a', **silent), day(4, 'a', **silent), day(5, 'a', **silent),
-        day(6, 'b', **jumped), day(7, 'b', **jumped), day(8, 'b'),
-        day(9, 'b', at=30), day(10, 'a', at=31),
-        day(11, 'a', at=32), day(12, 'a', at=33),
-    )  # fmt: skip
-    a, b = tmp_path / 'a.yaml', tmp_path / 'b.yaml'
+def test_what_happened_is_listed_by_date_a_learnt_model_once(done, tmp_path):
+    model, learnt = tmp_path / 'a.yaml', {'how': 'learnt', 'day': 'day_00002.csv'}
     history = [
         HistoryEntry(None),
-        HistoryEntry(a, why='a.yaml was learnt.', how='learnt', day='day_00002.csv'),
-        HistoryEntry(b, why='a person chose b.yaml', day='day_00005.csv'),
-        HistoryEntry(a, why='a person went back to a.yaml', how='back', day='day_00009.csv'),
+        HistoryEntry(model, since='2026-02-04T06:00:00', why='a.yaml is live', **learnt),
     ]
     NodeFolder(tmp_path).activate(history)
-    found = {2: 'a.yaml', 11: 'c.yaml'}
-    days = (replace(day, better=found.get(int(day.name[4:9]), '')) for day in days)
-    diary.save_diary(tmp_path, diary.Diary(tuple(days)))
-    (document,) = json.loads(done('show', tmp_path, '--json')).values()
-    happened = [(one['name'], one['first'][4:9], one['last'][4:9]) for one in document['events']]
-    assert happened == [
-        ('new model learnt', '00002', '00002'), ('thermometer out', '00003', '00005'),
-        ('person chose model', '00005', '00005'), ('zero jumped', '00006', '00006'),
-        ('zero jumped', '00007', '00007'), ('back to old model', '00009', '00009'),
-        ('better model offered', '00011', '00011'),
+    days = (
+        diary.DayEntry('day_00001.csv', START, better='b.yaml', verdict='It is better.'),
+        diary.DayEntry('day_00002.csv', START + DAY, better='a.yaml', incident='It was hit.'),
+    )
+    diary.save_diary(tmp_path, diary.Diary(days))
+    said = done('show', tmp_path).partition('What happened:\n')[2].splitlines()
+    assert said[:3] == [
+        '2026-02-02  b.yaml was learnt. It is better.', '2026-02-03  It was hit.',
+        '2026-02-04  a.yaml is live',
     ]  # fmt: skip
 
 
 @pytest.mark.parametrize('count', [1, 5, 365])
 def test_no_label_of_a_picture_lies_on_another_or_outside(count):
-    kinds = ['', 'tool', '', 'zero', 'contacts', '', 'thermometer', 'unreadable', '']
-    days = [
-        day(n + 1, 'a', kind=kinds[n % 9], incident=f'Thermometer {n % 4 + 1} was hit.')
-        for n in range(count)
-    ]
-    figure = days_figure(diary.Diary(tuple(days)))
+    dates = [f'day_{number:05d}' for number in range(count)]
+    figure = days_figure('They drifted.', dates, np.full((count, 2), nan))
     FigureCanvasAgg(figure).draw()
     whole = figure.bbox
     for panel in figure.axes:
-        texts = [*panel.texts, *(label for label in panel.get_xticklabels() if label.get_text())]
-        boxes = [text.get_window_extent() for text in texts if text.get_visible()]
+        texts = [label for label in panel.get_xticklabels() if label.get_text()]
+        boxes = [text.get_window_extent() for text in texts]
         assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
         assert all(whole.x0 <= box.x0 and box.x1 <= whole.x1 for box in boxes)
 
 
 @pytest.mark.parametrize('content', [None, '{', '{"format": "other"}'])
-def test_without_a_diary_the_files_are_listed(done, folder, content):
+def test_without_a_diary_there_is_a_sentence(run, folder, content):
     path = diary.diary_path(folder)
     path.unlink() if content is None else path.write_text(content)
-    text = done('show', folder)
-    assert 'that learns, 1\n' in text
-    assert 'day_00005' in text
-    (document,) = json.loads(done('show', folder, '--json')).values()
-    broken = content is not None
-    assert len(document['warnings']) == text.count('warning: ') == broken
-    assert all(f'{path} is not a diary' in warning for warning in document['warnings'])
+    said = f'{folder} holds no days that were' if content is None else f'{path} is not a diary'
+    assert said in run('show', folder).sentence
 
 
 def test_a_damaged_memory_is_told(done, folder):
@@ -248,15 +201,5 @@ def test_a_picture_of_a_recording_is_drawn_or_a_sentence_says_why_not(run, drift
     assert 'There is nothing to draw. It holds no raw wrench' in said
 
 
-def test_a_folder_without_days_and_a_picture_of_none_are_sentences(run, folder, model):
-    empty = folder / 'empty'
-    empty.mkdir()
-    (empty / 'state.json').write_text('{}')
-    assert 'holds no days' in run('show', empty).sentence
+def test_a_picture_of_what_has_none_is_a_sentence(run, model):
     assert 'is no recording, and no folder' in run('show', model, '--picture', 'a.png').sentence
-
-
-def test_every_name_of_what_happens_is_explained():
-    page = (Path(__file__).parents[2] / 'docs/learning.md').read_text('utf-8')
-    for name in (*NAMES.values(), *CHANGES.values()):
-        assert f'`{name}`' in page

@@ -10,6 +10,7 @@ import pytest
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import MIN_SAMPLES
 from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 
 STATIC = CalibrationSettings(identification=IdentificationSettings(method='pls'))
@@ -27,6 +28,15 @@ def good(make_recording, warm_up):
         axes = {'force_x': drifting, 'torque_z': 0.01 * rng.standard_normal(CELLS)}
         runs.append(make_recording(temperature_c, axes, name=f'run{i}.csv'))
     return runs
+
+
+def test_a_calibration_prints_a_line_per_axis_and_its_warnings():
+    fits = {'force_z': AxisFit(None, 'pls', (), 12.3456, 0.0123, 0.0, unit='N', day_limit=0.5)}
+    assert str(Calibration(None, fits, np.zeros((1, 2)), 5400.0, ('One.',))).splitlines() == [
+        'Calibration of 1.50 h, RMS of held-out errors:',
+        'force_z: 12.3 -> 0.0123 N (pls), limit 0.5 N',
+        'warning: One.',
+    ]
 
 
 def test_a_calibration_holds_the_model_and_its_evidence(good):

@@ -30,10 +30,10 @@ def seen(make_recording):
     return make
 
 
-def advice(coverage, levels=None, reference='unloaded', hours=(2.0,), **more):
+def advice(coverage, levels=None, hours=(2.0,), **more):
     recordings = [SimpleNamespace(duration_s=3600 * h) for h in hours]
     levels = dict.fromkeys(AXES, 'good') if levels is None else levels
-    return '\n'.join(advise(Case(recordings, coverage, reference, levels, (), **more)))
+    return '\n'.join(advise(Case(recordings, coverage, levels, **more)))
 
 
 def test_time_without_a_wrench_is_not_counted(make_recording):
@@ -41,22 +41,15 @@ def test_time_without_a_wrench_is_not_counted(make_recording):
     raw[:HOUR] = raw[-HOUR // 2 :] = np.nan
     coverage = cover([make_recording(ramp(10, 40, 3 * HOUR), {'force_z': raw})])
     assert coverage.range_c[0] == pytest.approx([20, 35], abs=0.1)
-    assert coverage.risen_k == pytest.approx(15, abs=1)
     assert 'recordings go from 20 to 35 °C. If the robot gets colder' in advice(coverage)
 
 
-NOISE = np.random.default_rng(1).normal(0, 0.2, HOUR)
 PAIR = np.stack((ramp(20, 30), ramp(20, 40)), axis=1)
-BOTH_WAYS = np.concatenate((ramp(20, 35), ramp(35, 25)))
 #: Of an evaluation, where two thermometers stayed in their range.
 JUDGED = {'learnt_c': [(0.0, 50.0)] * 2}
-BEYOND = {'levels': {'force_z': 'weak'}, 'beyond': {'force_z': 'force_z 3 N (limit 0.3)'}}
-LOOSE = {'loose': ['force_x', 'force_z'], 'run': 'run x'}
+BEYOND = {'levels': {'force_z': 'weak'}, 'beyond': ['force_z']}
 #: Temperatures, what else is known, and a part of what is asked for, or of what is not.
 ASKED = [
-    (ramp(20, 35) + NOISE, {}, 'Let it cool down', ''),
-    (ramp(35, 20), {}, 'Let it warm up', ''),
-    (BOTH_WAYS, {}, '', 'Let it'),
     (ramp(20, 30), {'levels': {'force_x': 'weak'}}, 'One thermometer does not', ''),
     (PAIR, JUDGED | {'levels': {'force_x': 'weak', 'force_y': 'uncalibrated'}}, 'order of', ''),
     (PAIR, JUDGED | {'levels': {'force_x': 'weak', 'force_y': 'good'}}, '', 'the order of'),
@@ -67,8 +60,6 @@ ASKED = [
     (PAIR, {'levels': {'force_x': 'weak'}}, 'The 2 thermometers do not explain force_x', ''),
     (PAIR, {'levels': dict.fromkeys(AXES, 'weak')}, 'not explain any axis well', ''),
     (PAIR, {}, 'from 20 to 40 °C at thermometer 2', ''),
-    (ramp(20, 35), {}, 'ended hot: the sensor warmed by 13.8 K and', 'ended cold'),
-    (ramp(20, 35), {}, 'A lag can only be measured if it also cools down.', ''),
     (ramp(20, 35), {'hours': (0.5,)}, 'lasts 0.5 h; record 1.0 h or more.', ''),
     (ramp(20, 35), {'slowest_s': 3600.0}, '4.0 h or more, as the slowest lag is 60 min', ''),
     (ramp(20, 35), {'slowest_s': 1000.0}, 'second day', 'lasts'),
@@ -77,10 +68,8 @@ ASKED = [
     (ramp(20, 35), {'learnt_c': [(25.0, 40.0)], 'run': 'run x'}, '1 left the range', 'holds'),
     (ramp(20, 35), JUDGED | {'run': 'run x'}, 'recordings. Run it:\nrun x', ''),
     (ramp(20, 35), JUDGED | {'levels': {'force_x': 'good', 'force_z': 'weak'}}, '_z well:', ''),
-    (ramp(20, 35), BEYOND | {'learnt_c': [(20.0, 30.0)]}, '0.3). In these', 'not explain'),
-    (ramp(20, 35), BEYOND | JUDGED, 'force_z 3 N (limit 0.3). See in the report', 'left the'),
-    (ramp(20, 35), LOOSE | JUDGED, 'force_x and force_z is unknown or as large', 'holds'),
-    (ramp(20, 35), LOOSE | JUDGED, 'Until then:\nrun x', ''),
+    (ramp(20, 35), BEYOND | {'learnt_c': [(20.0, 30.0)]}, 'others.\nIn these', 'explain'),
+    (ramp(20, 35), BEYOND | JUDGED, '9 of 10 days: force_z. See', 'left the'),
     (ramp(20, 35), {'run': 'evaluate m.yaml DAY'}, 'not seen:\nevaluate m.yaml DAY', ''),
 ]  # fmt: skip
 
@@ -92,10 +81,6 @@ def test_what_is_missing_is_asked_for(seen, temperature_c, known, asked, not_ask
     assert not not_asked or not_asked not in text
 
 
-def test_warming_and_cooling_are_those_of_one_recording(seen):
-    assert seen(ramp(20, 35), ramp(20, 30)).risen_k == pytest.approx(13.8, abs=0.1)
-
-
 def test_the_command_that_runs_a_model_names_no_topic_that_is_usual(monkeypatch):
     for found, start in (('', 'compensator'), ('/bin', 'ros2 run wrist_ft_comp compensator')):
         monkeypatch.setattr('wrist_ft_comp.report.advice.which', {'ros2': found}.get)
@@ -104,7 +89,7 @@ def test_the_command_that_runs_a_model_names_no_topic_that_is_usual(monkeypatch)
         assert run_command(Topics(imu='/imu'), 'm.yaml') == f'{words} -p gravity.source:=imu'
 
 
-def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):
+def test_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):
     def survey(path):
         assert path == Path('day.mcap')
         entries = {'/inside': True, '/arm/state:motor temp': True, '/still': False}
@@ -118,12 +103,10 @@ def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen,
     monkeypatch.setattr('wrist_ft_comp.report.advice.survey_bag', survey)
     case = Case(
         [SimpleNamespace(duration_s=600.0)], seen(ramp(20, 35)),
-        'unloaded', dict.fromkeys(AXES, 'weak'), ['day swings around its levels of 120 s'],
-        [Path('day.mcap')], ['/inside'])  # fmt: skip
-    first, second, third, *_ = advise(case)
-    assert first.startswith('The load moved, although it was declared unloaded.')
-    assert second.endswith(
+        dict.fromkeys(AXES, 'weak'), [Path('day.mcap')], ['/inside'])  # fmt: skip
+    first, second, *_ = advise(case)
+    assert first.endswith(
         'day.mcap holds /arm/state:motor temp, too, which was not used. Calibrate with\n'
         "--temperature-topic /inside --temperature-topic '/arm/state:motor temp'"
     )
-    assert third.startswith('The longest recording lasts 0.2 h; record 1.0 h or more')
+    assert second.startswith('The longest recording lasts 0.2 h; record 1.0 h or more')

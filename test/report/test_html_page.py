@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.report.evaluation import judge_errors
-from wrist_ft_comp.report.html_page import headline, page, write_report
+from wrist_ft_comp.report.html_page import page, write_report
 from wrist_ft_comp.report.report_content import calibration_content, evaluation_content
 from wrist_ft_comp.series import rounded
 
@@ -100,12 +100,6 @@ def test_every_axis_has_its_verdict_and_its_numbers(kind, text, view):
             assert rounded(candidate['rms']) in whole
 
 
-def test_the_headline_counts(view):
-    assert headline(view('good')) == '3 axes: 3 good.'
-    mixed = replace(view('good'), axes=(*view('good').axes[:2], *view('none').axes[2:3]))
-    assert headline(mixed) == '3 axes: 2 good, 1 not calibrated.'
-
-
 def test_a_refused_axis_is_named_once_at_the_top(make, tmp_path):
     recordings = [make.recording()]
     calibration, stored = make.learn(recordings, tmp_path, method='pls')
@@ -135,9 +129,8 @@ def test_a_program_writes_a_report_and_the_answer_of_a_service_has_its_lines(mak
 
 
 def test_a_page_says_what_was_held_out_and_what_the_figures_are(text, view):
-    assert 'Each of the 2 recordings was predicted' in text('good')
-    assert 'Each of the 3 parts of the recording was predicted' in text('weak')
-    assert 'Each of the 8 plateaus was predicted' in text('plateaus')
+    for kind, parts in (('good', 2), ('weak', 3), ('plateaus', 8)):
+        assert f'Each of {parts} parts was predicted' in text(kind)
     alone = 'before: RMS in parts of 22 min. left: RMS, enlarged to a day.'
     assert alone in Outline(text('weak')).whole
     for kind in ('good', 'plateaus', 'evaluation', 'work'):

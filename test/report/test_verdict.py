@@ -1,11 +1,12 @@
-"""The table of verdicts, at both sides of every threshold, and a calibration in a few lines."""
+"""The table of verdicts, at both sides of every threshold."""
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HARMFUL_RATIO
+from wrist_ft_comp.fit.result import FoldErrors
 from wrist_ft_comp.report import verdict
 from wrist_ft_comp.report.evaluation import AxisEvaluation
+from wrist_ft_comp.report.verdict import HARMFUL_RATIO
 
 JUST = 1e-9
 #: Two blocks, of which the first gets worse by what may be noise.
@@ -76,16 +77,3 @@ def test_an_axis_without_a_model_has_its_reason():
     assert refused == f'It drifts too slowly. {passes}'
     quiet = judge(**bare, noise=10.0).sentence
     assert quiet.startswith('There is nothing to remove')
-
-
-@pytest.mark.parametrize(('after', 'more'), [(0.0123456, ''), (14.0, ': WORSE THAN NONE')])
-def test_a_calibration_is_a_line_per_axis_and_warnings_follow(after, more):
-    fits = {'force_z': AxisFit(None, 'pls', (), 12.3456, after, after, unit='N', day_limit=0.5)}
-    ranges_c = np.array([[20, 35.5], [-5, 30]])
-    assert verdict.summarise(
-        Calibration(None, fits, ranges_c, 5400.0, ('One.', 'Two.'))
-    ).splitlines() == [
-        f'force_z: 12.3 -> {after:.3g} N RMS held out (pls){more}, limit 0.5 N',
-        'warning: One.',
-        'warning: Two.',
-    ]

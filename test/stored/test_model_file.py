@@ -188,8 +188,6 @@ def test_the_evidence_is_there_for_people_and_what_nobody_knows_is_null(calibrat
     assert axes['force_z']['time_constant_errors_s'] == [1 / 3, None]
     assert '“constant”' in text
     assert '.nan' not in text.lower()
-    assert repr(calibration).startswith('<Calibration of 2.00 h: force_x 0.333 -> 1e-17')
-    assert len(repr(calibration)) < 200
 
 
 def test_every_key_of_a_model_file_but_stands_is_needed(document, load):

@@ -21,10 +21,9 @@ from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, load_memory, Memory, save_diary, save_memory
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stored import model_file, payload_file, safe_file, state_file
-from wrist_ft_comp.stored.background_writer import FileWriter
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
 from wrist_ft_comp.stored.payload_file import load_payloads
-from wrist_ft_comp.stored.safe_file import from_plain, Output, replace_file
+from wrist_ft_comp.stored.safe_file import FileWriter, from_plain, Output, replace_file
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 
 TIMEOUT_S = 20.0

@@ -12,7 +12,7 @@ from typing import Any, TYPE_CHECKING
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.evaluate import evaluate_recordings
-from wrist_ft_comp.cli.terminal import content_words, filled, print_words, progress_bar, waiting
+from wrist_ft_comp.cli.terminal import content_words, filled, print_words, progress_bar
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.series import Progress
@@ -121,8 +121,7 @@ def play(folder: Path) -> None:
                         listen(watch, length_s, programs, progress)
                 watch.ask('stop')
                 if not number:
-                    with waiting('the node calibrates'):
-                        watch.ask('calibrate')
+                    watch.ask('calibrate')
 
 
 def listen(

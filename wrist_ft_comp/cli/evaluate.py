@@ -10,15 +10,12 @@ from wrist_ft_comp.cli.terminal import content_words, print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor
 from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.payload.separation import learn_at_work
-from wrist_ft_comp.payload.weight import same_payload
 from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report import evaluation, report_content
-from wrist_ft_comp.report.advice import IMU_TOPIC
 from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
 
 HELP = 'judge a model on recordings'
 DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tared first.'
@@ -63,9 +60,6 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
     """Judge a model, by default with its own reference; give a report's content, and JSON."""
     stored, judged = load_model(model), list[report_content.EvaluatedRecording]()
     period_s, topics = stored.model.period_ns / NANOSECONDS, topics or stored.topics
-    learnt: Learnt = {}
-    if 'payload' in {wanted, stored.reference}:
-        learnt = load_payloads(stored.path.with_name(PAYLOADS))
     for number, path in enumerate(paths):
         recording = read_recording(
             path, period_s=period_s, topics=topics,
@@ -79,24 +73,13 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         if reference == 'payload':
             work = learn_at_work([recording])
             compared, true = work.drift[0], 'recorded'
-            others = [payload for payload, _ in learnt.values()]
             warnings += work.warnings
-            warnings += tuple(
-                f'{recording.name} holds a payload of {payload.mass_kg:.2f} kg that is not in '
-                f'{PAYLOADS} beside the model; its weight was fitted to this recording.'
-                for payload in (work.payloads.payloads.values() if work.payloads else ())
-                if not any(same_payload(payload, other) for other in others)
-            )
         warnings += tuple(evaluation.without_steps(compared, true)[1])
         errors = evaluation.tared_errors(stored.model, compared, true, tare_s)
         # Of a recording that fits the model.
         warnings += evaluation.range_warnings(stored, recording)
         recording = replace(recording, warnings=warnings)
         judged.append(report_content.EvaluatedRecording(recording, reference, errors))
-    # A node that runs this model needs the IMU by which its payloads were learnt.
-    own = {name: frame for name, (_, frame) in learnt.items() if name.startswith(f'{model.stem}-')}
-    if not topics.force_source and any(frame.source == 'imu' for frame in own.values()):
-        topics = replace(topics, imu=IMU_TOPIC)
     content = report_content.evaluation_content(stored, judged, tare_s, paths, topics)
     verdicts = {axis.axis: axis.verdict for axis in content.axes}
     return content, {

@@ -64,15 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
             raise NodeError(
                 f'{name} has no service {action}. Ask for status, stop, or one of {offered}.'
             )
-        with terminal.waiting(action) as describe:
-
-            def show() -> None:
-                # What takes long has a status of its own, as payload for identify_payload.
-                said = [s.message for n, s in watch.statuses.items() if n in action]
-                describe(': '.join([action, *said]))
-
-            operator.node.create_timer(0.5, show)
-            answer = watch.ask(action)
+        if not arguments.json:
+            print(f'{action}: asked {name}', file=sys.stderr)
+        answer = watch.ask(action)
     document = {'node': name, 'action': action, 'answer': answer}
     terminal.print_result([answer], document, as_json=arguments.json)
     return 0

@@ -2,9 +2,13 @@
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from datetime import datetime, timezone
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 from rich.table import Table
 
 from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
@@ -20,16 +24,17 @@ from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.recordings.bag_topics import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.recordings.column_proposal import suffix_of
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
-from wrist_ft_comp.report import days as figures
 from wrist_ft_comp.report.html_page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
-from wrist_ft_comp.series import NANOSECONDS, rounded
+from wrist_ft_comp.series import FloatArray, NANOSECONDS, rounded
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, payload_figures, PAYLOADS
 
-#: Most of what happened that is listed; JSON has all.
+#: Most of what happened that is listed, the newest.
 MOST_EVENTS = 40
+#: Of a drift up to this one, N, no share is given: no sensor resolves it.
+_LEAST_DRIFT = 1e-6
 HELP = 'say what a model, a recording, payloads.json or a diary holds'
 DESCRIPTION = """\
 Say what a model file or a recording holds. Of a bag, which topics could be
@@ -44,30 +49,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='MODEL.yaml, REC, payloads.json, or a data_directory with days')  # fmt: skip
     parser.add_argument(
         '--picture', type=Path, metavar='PICTURE.png',
-        help="draw a recording, or a node's days: what drifted, what was left, what happened",
-    )  # fmt: skip
+        help="draw a recording, or a node's days: what drifted, and what was left")  # fmt: skip
     options.add_topics(parser)
     options.add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    path, folders = arguments.file, diaries.node_folders(arguments.file)
+    path = arguments.file
     if arguments.picture:
-        figures.PICTURE.check_target(arguments.picture, [path])
         from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
+
+        pictures.PICTURE.check_target(arguments.picture, [path])
     figure, code = None, 0
     refusal = f'{path} is no recording, and no folder of a node that learns.'
     lines: Sequence[str | Table]
     if REPORT.is_own(path):
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
         lines = [f'{path}: a report of wrist_ft_comp; open it in a browser']
-    elif folders:
-        found = {folder: _node_days(folder) for folder in folders}
-        document = {str(folder): described for folder, (described, _) in found.items()}
-        lines = [line for _, words in found.values() for line in ('', *words)][1:]
+    elif (path / 'days').is_dir():
+        diary = diaries.survey(path)
+        described_days, lines = _node_days(path, diary)
+        document = {str(path): described_days}
         if arguments.picture:
-            figure = pictures.days_figure(diaries.survey(folders[0]))
+            figure = pictures.days_figure(
+                summary(diary), [when(day) for day in diary.days], drift_left(diary)
+            )
     elif path.suffix in {'.yaml', '.yml'} or MODEL.is_own(path):
         stored = load_model(path)
         document, lines = {'sha256': stored.sha256, **stored.document}, [*_model_lines(stored)]
@@ -99,22 +106,26 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.picture:
         if figure is None:
             raise RecordingError(f'There is nothing to draw. {refusal}')
-        figures.PICTURE.write(arguments.picture, pictures.png(figure))
+        pictures.PICTURE.write(arguments.picture, pictures.png(figure))
     print_result(lines, document, as_json=arguments.json)
     return code
 
 
-def _node_days(folder: Path) -> tuple[dict[str, object], list[str]]:
+def _node_days(folder: Path, diary: diaries.Diary) -> tuple[dict[str, object], list[str]]:
     """Describe the days of a node, as plain values and in words."""
-    diary, memory = diaries.survey(folder), diaries.Memory()
-    warnings = [diary.problem] if diary.problem else []
+    memory, warnings = diaries.Memory(), list[str]()
     try:
         memory = diaries.load_memory(folder) or memory
     except StateFileError as error:
         warnings.append(str(error))
     words = [*days_text(folder, diary, memory), *(f'warning: {said}' for said in warnings)]
-    node = {**vars(memory), 'change': diaries.last_change(diary.history)}
-    return {**figures.figures(diary), 'node': node, 'warnings': warnings}, words
+    return {
+        'days': [{**vars(day), 'known': sorted(day.known)} for day in diary.days],
+        'paused': diary.paused,
+        'summary': {'sentence': summary(diary), 'force_n': usual_drift(diary)},
+        'node': {**vars(memory), 'change': diaries.last_change(diary.history)},
+        'warnings': warnings,
+    }, words
 
 
 def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
@@ -257,17 +268,67 @@ def _use(summary: RecordingSummary, commands: Sequence[str], refusal: str) -> It
 
 def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str]:
     """Sum days up, and list what happened and the last verdicts."""
-    happened = figures.events(diary)
+    went_live = {change.day for change in diary.history if change.how == 'learnt'}
+    happened = [(change.since[:10], change.why) for change in diary.history if change.day]
+    for day in diary.days:
+        if day.incident:
+            happened.append((when(day), day.incident))
+        if day.better and day.name not in went_live:
+            happened.append((when(day), f'{day.better} was learnt. {day.verdict}'))
     lines = [
         'What happened:' if happened else '',
-        *(figures.event_line(event, diary.days) for event in happened[-MOST_EVENTS:]),
+        *(f'{date}  {said}' for date, said in sorted(happened)[-MOST_EVENTS:]),
         *(f'{day.name}: {day.verdict}' for day in diary.days[-3:] if day.verdict),
         f'last change: {diaries.last_change(diary.history) or "none yet"}',
         f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
         f'paused: {diary.paused}' if diary.paused else '',
     ]
     head = f'{directory}: days of a node that learns, {len(diary.days)}'
-    return [head, *map(filled, filter(None, [figures.summary(diary), *lines]))]
+    return [head, *map(filled, filter(None, [summary(diary), *lines]))]
+
+
+class DriftLeft(NamedTuple):
+    """RMS of a force's drift, N: without a model, and what the live one left; NaN if unknown."""
+
+    without: float
+    left: float
+
+
+def drift_left(diary: diaries.Diary) -> FloatArray:
+    """Give what is in a DriftLeft for each day, shape (days, 2)."""
+    return np.array([(day.rms_left(diaries.NONE), day.rms_left(day.live)) for day in diary.days])
+
+
+def usual_drift(diary: diaries.Diary) -> DriftLeft:
+    """Take the medians of days with a live model, if there are any, or else of all."""
+    drifts = drift_left(diary)
+    with_model = np.isfinite(drifts).all(axis=1)
+    judged = drifts[with_model if with_model.any() else np.isfinite(drifts[:, 0])]
+    return DriftLeft(*(np.median(judged, axis=0) if len(judged) else (np.nan, np.nan)))
+
+
+def summary(diary: diaries.Diary) -> str:
+    """Say in one sentence what drifted, and what was left of it."""
+    usual, count = usual_drift(diary), len(diary.days)
+    dates = dict.fromkeys(map(when, (diary.days[0], diary.days[-1])))
+    head = f'{count} {"day" if count == 1 else "days"}, {" to ".join(dates)}'
+    if np.isnan(usual.without):
+        return f'{head}: none is judged yet.'
+    sentence = f'{head}: on a usual day a force drifted by {rounded(usual.without, 2)} N (RMS)'
+    if np.isnan(usual.left):
+        return f'{sentence}; no model was live.'
+    sentence += f'; the model left {rounded(usual.left, 2)} N'
+    if usual.without > _LEAST_DRIFT:
+        sentence += f' ({rounded(100 * usual.left / usual.without, 2)} %)'
+    return f'{sentence}.'
+
+
+def when(day: diaries.DayEntry) -> str:
+    """Write the date that a day began on by its stamps, UTC, or its name where it has none."""
+    with suppress(OverflowError, ValueError):  # no calendar has every stamp
+        if day.first_ns:  # its recording could be read
+            return str(datetime.fromtimestamp(day.first_ns // NANOSECONDS, timezone.utc).date())
+    return day.name.removesuffix('.csv')
 
 
 def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:

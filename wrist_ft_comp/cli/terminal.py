@@ -1,6 +1,6 @@
 """What commands print: tables, sentences, warnings, bars, and the same as JSON for scripts."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 import json
 import re
@@ -106,23 +106,11 @@ def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Progress]:
-    """Show a bar where a terminal is; yields what is told the share that is done."""
-    with _bar(bars.TaskProgressColumn()) as bar:
+    """Show a bar where a terminal is, and wipe it away; yields what is told the share done."""
+    with bars.Progress(
+        bars.TextColumn('{task.description}', markup=False), bars.BarColumn(),
+        bars.TaskProgressColumn(), bars.TimeElapsedColumn(), console=Console(stderr=True),
+        transient=True, disable=not sys.stderr.isatty(),
+    ) as bar:  # fmt: skip
         task = bar.add_task(what, total=1.0)
         yield lambda share: bar.update(task, completed=share)
-
-
-@contextmanager
-def waiting(what: str) -> Iterator[Callable[[str], None]]:
-    """Show what is waited for, and how long already; yields what is told how it goes on."""
-    with _bar() as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda text: bar.update(task, description=text[: WIDTH - 40])
-
-
-def _bar(*columns: bars.ProgressColumn) -> bars.Progress:
-    """Make a bar that is wiped away in the end, with lines of a log above it."""
-    return bars.Progress(
-        bars.TextColumn('{task.description}', markup=False), bars.BarColumn(), *columns,
-        bars.TimeElapsedColumn(), console=Console(stderr=True), transient=True,
-        disable=not sys.stderr.isatty())  # fmt: skip

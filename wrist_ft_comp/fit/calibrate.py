@@ -108,11 +108,6 @@ def _learn(
         fit = identify_axis(data, settings.identification)
         if fit.refusal:
             said.append(f'{fit.refusal}. It is left uncompensated.')
-        if fit.harmful:
-            said.append(
-                f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method '
-                'auto.'
-            )
         if fit.model is not None:
             late = late_errors(fit.model, recordings)
             fit = replace(fit, expected_rms=float(np.hypot(fit.expected_rms, np.std(late))))

@@ -12,9 +12,6 @@ from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.series import FloatArray, IntArray
 
-#: A model that leaves this many times what no model leaves does harm; less may be chance.
-HARMFUL_RATIO = 1.05
-
 
 @dataclass(frozen=True)
 class Candidate:
@@ -116,11 +113,6 @@ class AxisFit:
     #: where nothing is tared, as for a chamber test.
     largest_drift: float = np.nan
 
-    @property
-    def harmful(self) -> bool:
-        """Whether it leaves more drift than no compensation, by more than chance."""
-        return self.rms_after > HARMFUL_RATIO * self.rms_before
-
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
@@ -144,8 +136,10 @@ class Calibration:
     sensor: SensorNames = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        figures = ', '.join(
-            f'{axis} {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit}'
-            for axis, fit in self.fits.items()
-        )
-        return f'<Calibration of {self.duration_s / 3600:.2f} h: {figures} RMS>'
+        lines = [f'Calibration of {self.duration_s / 3600:.2f} h, RMS of held-out errors:']
+        for axis, fit in self.fits.items():
+            line = f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} ({fit.chosen})'
+            limit = '' if np.isnan(fit.day_limit) else f', limit {fit.day_limit:.2g} {fit.unit}'
+            lines.append(line + limit)
+        lines += self.payloads.lines() if self.payloads else []
+        return '\n'.join([*lines, *(f'warning: {warning}' for warning in self.warnings)])

@@ -16,8 +16,6 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, LARGEST
 from wrist_ft_comp.errors import ModelFileError, RecordingError, StateFileError
-from wrist_ft_comp.learning.day_files import days, size_of, span_of
-from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
 from wrist_ft_comp.stored.safe_file import Kind, MAKE_ROOM, to_plain
 
@@ -31,8 +29,6 @@ MEMORY = Kind(
     max_bytes=1_000_000, error=StateFileError,
     made_by='A node that learns makes one.', renewed_by='Remove it',
     remedy=f'{MAKE_ROOM} until then a restart may forget an offered model.')  # fmt: skip
-#: Files by which a node's folder is recognized.
-_MARKS = ('active.json', 'learning.json', 'state.json')
 
 #: Key of the drift without any model, in ``DayEntry.left``.
 NONE = 'none'
@@ -136,42 +132,19 @@ def save_diary(directory: Path, diary: Diary) -> None:
     KIND.save(diary_path(directory), content)
 
 
-def node_folders(path: Path) -> list[Path]:
-    """Find the folders of nodes: of one node, by its days, or of several sensors."""
-    if path.is_dir() and path.resolve().name == 'days':
-        return [path.resolve().parent]
-    if (path / 'days').is_dir() or any((path / mark).exists() for mark in _MARKS):
-        return [path]
-    return sorted(folder.parent for folder in path.glob('*/days') if folder.is_dir())
-
-
 def survey(directory: Path) -> Diary:
-    """
-    Read a folder's diary, and add the days that nobody judged, and changes of the live model.
-
-    RecordingError without days.
-    """
+    """Read a folder's diary, and add changes of the live model; RecordingError without days."""
     diary = load_diary(directory)
-    entries = {day.name: day for day in diary.days}
-    for path in days(directory):
-        if path.name in entries:
-            continue
-        entry = DayEntry(path.name, verdict='it is no file with rows of a day')
-        with suppress(OSError):
-            if size_of(path) and (span := span_of(path)):
-                hours = (span.last_ns - span.first_ns) / NANOSECONDS / 3600
-                entry = DayEntry(path.name, span.first_ns, hours, verdict='not judged yet')
-        entries[path.name] = entry
-    if not entries:
+    if not diary.days:
         raise RecordingError(
-            f'{directory} holds no days. A node keeps them with the parameter learning set to '
-            'propose or auto.'
+            diary.problem
+            or f'{directory} holds no days that were judged. A node with the parameter learning '
+            'set to propose or auto judges each day after its end.'
         )
     history: list[HistoryEntry] = []
     with suppress(ModelFileError):  # the days can be shown without it
         history = NodeFolder(directory).history()
-    ordered = tuple(entries[name] for name in sorted(entries))
-    return replace(diary, days=ordered, history=tuple(history))
+    return replace(diary, history=tuple(history))
 
 
 @dataclass(frozen=True)

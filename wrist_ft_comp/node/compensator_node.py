@@ -29,8 +29,8 @@ from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import at_start, NODE_NAME, Parameter, usage, warn_of_unknown
 from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.ros.topics import FAST_SENSOR, opening
-from wrist_ft_comp.stored.background_writer import FileWriter
 from wrist_ft_comp.stored.node_folder import node_directory, NodeFolder
+from wrist_ft_comp.stored.safe_file import FileWriter
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import parse_sources

@@ -18,9 +18,9 @@ from wrist_ft_comp.ros.diagnostics import ERROR, OK, Status, WARN
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.services import service, warned, Work
-from wrist_ft_comp.stored.background_writer import FileWriter
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import HistoryEntry, How, NodeFolder
+from wrist_ft_comp.stored.safe_file import FileWriter
 from wrist_ft_comp.stream.compensator import Compensator
 
 

@@ -26,10 +26,9 @@ from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.services import service, warned, Work
 from wrist_ft_comp.ros.topics import FAST_SENSOR
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.background_writer import FileWriter
 from wrist_ft_comp.stored.node_folder import NodeFolder
 from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter, origin_column
-from wrist_ft_comp.stored.safe_file import writing
+from wrist_ft_comp.stored.safe_file import FileWriter, writing
 from wrist_ft_comp.stream import thermal_cells as grid
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES

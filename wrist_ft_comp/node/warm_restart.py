@@ -14,7 +14,7 @@ from wrist_ft_comp.node.raw_wrench import Counts
 from wrist_ft_comp.ros.diagnostics import OK, WARN
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.background_writer import FileWriter
+from wrist_ft_comp.stored.safe_file import FileWriter
 from wrist_ft_comp.stored.state_file import belongs_to, load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator
 

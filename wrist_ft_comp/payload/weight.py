@@ -201,12 +201,3 @@ def payload_line(name: str, payload: Payload) -> str:
         f'{center} mm (± {1e3 * float(np.max(payload.center_error_m)):.2g})'
     )
     return line if np.isnan(payload.share) else f'{line}, on for {payload.share:.0%} of the time'
-
-
-def same_payload(one: Payload, other: Payload) -> bool:
-    """Whether two payloads may be the same one: within 3 % and 5 mm, or three standard errors."""
-    errors_kg = np.nan_to_num([one.mass_error_kg, other.mass_error_kg])
-    errors_m = np.nan_to_num([one.center_error_m, other.center_error_m])
-    apart_kg, apart_m = abs(one.mass_kg - other.mass_kg), np.abs(one.center_m - other.center_m)
-    alike = apart_kg < max(SAME_SHARE * one.mass_kg, 3 * float(np.hypot(*errors_kg)))
-    return alike and bool((apart_m < np.maximum(0.005, 3 * np.hypot(*errors_m))).all())

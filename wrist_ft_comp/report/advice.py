@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import json
 from pathlib import Path
 import shlex
@@ -11,8 +11,7 @@ from shutil import which
 import numpy as np
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.fit.folds import mean_over
-from wrist_ft_comp.recording import Recording, Reference, Topics
+from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings.bag_topics import survey_bag, TEMPERATURE
 from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.evaluation import SAME_K
@@ -20,19 +19,11 @@ from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
 
 #: Where the node hears an IMU, unless it is remapped.
-IMU_TOPIC = 'imu'
-#: Rise and fall are counted between means over this time, s, so that noise does not count.
-_TREND_S = 300.0
+_IMU_TOPIC = 'imu'
 #: A recording should last for this many slowest time constants.
 _TIME_CONSTANTS = 4.0
 #: A recording should last for at least this time, s.
 _SHORTEST_S = 3600.0
-#: Warming is missing where it is less than this share of cooling, and the other way round.
-_ONE_WAY_SHARE = 0.2
-#: What is warned of where a load moves (fit/segments.py), and where thermometers are exchanged
-#: (stream/exchanged_thermometers.py).
-_MOTION = 'swings around its levels'
-_EXCHANGED = 'read what is expected of each other'
 _CALIBRATE_AGAIN = 'Calibrate again with these recordings among the others.'
 
 
@@ -44,9 +35,6 @@ class Coverage:
     range_c: FloatArray
     #: Number of the thermometer that spans most, counted from 0; advice is about this one.
     leading: int
-    #: How far the leading thermometer went up, and down, in one recording at most.
-    risen_k: float
-    fallen_k: float
 
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
@@ -57,13 +45,7 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
         seen_c.append(np.where(has_wrench, recording.temperature_c, np.nan))
     together_c = np.concatenate(seen_c)
     range_c = np.stack((np.nanmin(together_c, axis=0), np.nanmax(together_c, axis=0)), axis=1)
-    leading = int(np.argmax(np.ptp(range_c, axis=1)))
-    # Rise and fall, between means of the leading thermometer.
-    cells = max(round(_TREND_S / recordings[0].period_s), 1)
-    means = [mean_over(one_c[:, leading], cells) for one_c in seen_c]
-    moves = [np.diff(of_one[np.isfinite(of_one)]) for of_one in means]
-    risen_k, fallen_k = (max(float((sign * k).clip(0).sum()) for k in moves) for sign in (1, -1))
-    return Coverage(range_c, leading, risen_k, fallen_k)
+    return Coverage(range_c, int(np.argmax(np.ptp(range_c, axis=1))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +54,8 @@ class Case:
 
     recordings: Sequence[Recording]
     coverage: Coverage
-    reference: Reference
     #: Of the axes that were recorded; one that drifts unexplained is weak.
     levels: Mapping[str, Level]
-    #: What was found while reading and fitting, in sentences.
-    warnings: Sequence[str]
     #: Where the recordings lie, and the thermometers of them that were used, as options name them.
     paths: Sequence[Path] = ()
     thermometers: Sequence[str] = ()
@@ -87,10 +66,8 @@ class Case:
     slowest_s: float = 0.0
     #: Of an evaluation: the temperatures that the model learnt, °C.
     learnt_c: Sequence[tuple[float, float]] = ()
-    #: Of an evaluation: axes whose errors are above the stated limit, and a text with both.
-    beyond: Mapping[str, str] = field(default_factory=dict)
-    #: Of an evaluation: good axes whose limit is unknown, or as large as the drift.
-    loose: Sequence[str] = ()
+    #: Of an evaluation: axes whose errors are above the stated limit.
+    beyond: Sequence[str] = ()
 
 
 def start_command() -> list[str]:
@@ -107,7 +84,7 @@ def run_command(topics: Topics, model: object) -> str:
         words += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
     if topics.imu:
         words += ['-p', 'gravity.source:=imu']
-        if topics.imu.strip('/') != IMU_TOPIC:
+        if topics.imu.strip('/') != _IMU_TOPIC:
             words += ['-r', f'imu:={topics.imu}']
     elif topics.gravity_frame:
         words += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
@@ -116,12 +93,7 @@ def run_command(topics: Topics, model: object) -> str:
 
 def advise(case: Case) -> tuple[str, ...]:
     """Say what to do next, the most useful first: one sentence or two for each step."""
-    steps = []
-    if any(_MOTION in warning for warning in case.warnings):
-        steps.append(
-            f'The load moved, although it was declared {case.reference}. Let the robot stand '
-            'still while recording, or record its specific force and use --reference payload.'
-        )
+    steps: list[str] = []
     poor = [axis for axis, level in case.levels.items() if level in {'weak', 'harmful'}]
     unexplained = [axis for axis in poor if axis not in case.beyond]
     # Thermometers that left the temperatures which the model was learnt at.
@@ -132,8 +104,7 @@ def advise(case: Case) -> tuple[str, ...]:
     ]  # fmt: skip
     if case.learnt_c:
         none_is_good = poor and {*case.levels.values()} <= {'weak', 'harmful', 'uncalibrated'}
-        doubted = any(_EXCHANGED in warning for warning in case.warnings)
-        if doubted or (none_is_good and len(case.learnt_c) > 1):
+        if none_is_good and len(case.learnt_c) > 1:
             steps.append(
                 'Are the thermometers in the order of the model? Where two are exchanged, every '
                 'correction is wrong. Name topics or columns in the order of the calibration.'
@@ -187,18 +158,11 @@ def _recorded(case: Case) -> Iterator[str]:
             f'The longest recording lasts {longest_s / 3600:.1f} h; record '
             f'{wanted_s / 3600:.1f} h or more{why}.'
         )
-    up, down = coverage.risen_k, coverage.fallen_k
-    if min(up, down) < _ONE_WAY_SHARE * max(up, down):
-        ended, other, ways = 'hot', 'cool down', 'cools down'
-        if up < down:
-            ended, other, ways = 'cold', 'warm up', 'warms up'
-        yield (
-            f'The recording ended {ended}: {leading or "the sensor"} warmed by {up:.1f} K and '
-            f'cooled by {down:.1f} K. Let it {other} while recording. A lag can only be measured '
-            f'if it also {ways}.'
-        )
     if len(durations_s) == 1:
-        yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
+        yield (
+            'Record on a second day, from cold until it has cooled down again: a model is then '
+            'judged on whole days that it has not seen.'
+        )
     low_c, high_c = coverage.range_c[coverage.leading]
     where = f' at {leading}' if leading else ''
     yield (
@@ -210,26 +174,21 @@ def _recorded(case: Case) -> Iterator[str]:
 
 def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
     """Say what an evaluation asks for."""
-    left = f'In these recordings {_enumerate(outside)} left the range that the model was learnt'
     if case.beyond:
-        where = f' {left} from, and outside of it no limit holds.' if outside else ''
         yield (
             'The largest error is above the limit that the calibration stated for 9 of 10 days: '
-            f'{", ".join(case.beyond.values())}.{where} See in the report (--report) when the '
-            'error began: the zero may have jumped (a tare in the driver, a contact, another '
-            'tool), a cable may pull, a temperature may be missing, or it is another sensor. If '
-            'it is nothing of that, calibrate again with these recordings among the others.'
+            f'{_enumerate(case.beyond)}. See in the report (--report) when the error began: the '
+            'zero may have jumped (a tare in the driver, a contact, another tool), a cable may '
+            'pull, a temperature may be missing, or it is another sensor. If it is nothing of '
+            'that, calibrate again with these recordings among the others.'
         )
-    elif outside:
-        yield f'{left} from. {_CALIBRATE_AGAIN}'
+    if outside:
+        yield (
+            f'In these recordings {_enumerate(outside)} left the range that the model was learnt '
+            f'from; outside of it the limits say nothing. {_CALIBRATE_AGAIN}'
+        )
     elif case.run and {'good'} <= {*case.levels.values()} <= {'good', 'uncalibrated'}:
-        holds = 'The model holds on these recordings. Run it:'
-        if case.loose:
-            holds = (
-                f'The limit of {_enumerate(case.loose)} is unknown or as large as the drift: how '
-                f'good the model is on other days is not sure yet. {_CALIBRATE_AGAIN} Until then:'
-            )
-        yield f'{holds}\n{case.run}'
+        yield f'The model holds on these recordings. Run it:\n{case.run}'
 
 
 def _enumerate(words: Sequence[str]) -> str:

@@ -1,6 +1,5 @@
 """The page: one self-contained HTML text that says how good a model is, and shows why."""
 
-from collections import Counter
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -25,7 +24,7 @@ REPORT = Output(
 
 def page(view: report_content.ReportContent) -> str:
     """Write the page: HTML that loads nothing; its script only shows numbers of its pictures."""
-    return _environment().get_template('report.html.j2').render(view=view, headline=headline(view))
+    return _environment().get_template('report.html.j2').render(view=view)
 
 
 def write_report(
@@ -35,14 +34,6 @@ def write_report(
     """Write the report of a calibration that was saved; OutputError over what is no report."""
     content = report_content.calibration_content(calibration, recordings, stored)
     REPORT.write(Path(path), page(content))
-
-
-def headline(view: report_content.ReportContent) -> str:
-    """Sum the verdicts up, such as ``6 axes: 5 good, 1 weak.``."""
-    counts = Counter(axis.verdict.level for axis in view.axes)
-    total = len(view.axes)
-    parts = [f'{counts[level]} {name}' for level, name in LEVEL_NAMES.items() if counts[level]]
-    return f'{total} {"axis" if total == 1 else "axes"}: {", ".join(parts)}.'
 
 
 @cache

@@ -17,11 +17,18 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit
-from wrist_ft_comp.learning.diary import Diary
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.report import days as day_figures
 from wrist_ft_comp.report.report_content import ErrorSeries, starts_h
 from wrist_ft_comp.series import FloatArray, IntArray, rounded
+from wrist_ft_comp.stored.safe_file import Output
+
+#: What a PNG picture names as its software, by which it is known again.
+PAINTER = 'wrist_ft_comp picture'
+PICTURE = Output(
+    # Header, image header, and the text, before or after the chunk that holds the resolution.
+    # Bytes that are no text count as one letter, alone or together.
+    name='picture', endings='.png',
+    begins=rf'.PNG\r\n\x1a\n.{{20,80}}tEXtSoftware\x00{PAINTER}')  # fmt: skip
 
 # One palette, after Okabe and Ito: its colours differ with every common colour deficiency and in
 # grey, and have a contrast of 3 or more to the report's papers, light and dark.
@@ -134,44 +141,26 @@ def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: An
     panel.plot(xs, ys, marker=lonely, ms=2, **style)
 
 
-def days_figure(diary: Diary) -> Figure:
-    """Draw the newtons of every day, and what happened by its name, below a sentence."""
-    days, happened = diary.days, day_figures.events(diary)
-    names = list(dict.fromkeys(event.name for event in happened))
-    heights = 2.8, 0.22 * (len(names) + 1)  # inches
-    figure = Figure(figsize=(_WIDTH, sum(heights) + 1.5), layout='constrained')
-    title = '\n'.join(textwrap.wrap(day_figures.summary(diary), 115))
+def days_figure(sentence: str, dates: Sequence[str], drift: FloatArray) -> Figure:
+    """Draw what drifted every day without and with a model, (days, 2), N, below a sentence."""
+    figure = Figure(figsize=(_WIDTH, 4.0), layout='constrained')
+    title = '\n'.join(textwrap.wrap(sentence, 115))
     figure.suptitle(title, x=0.01, ha='left', weight='bold', size=12)
-    dated = range(0, len(days), -(-len(days) // 8))  # more dates would overlap
-    newtons, lanes = figure.subplots(2, height_ratios=heights)
-    for panel in (newtons, lanes):
-        panel.set_xlim(-0.8, len(days) - 0.2)
-        panel.set_xticks(dated, [day_figures.when(days[n]) for n in dated])
-        panel.tick_params(labelbottom=panel is lanes)
-        _frame(panel, 'y')
-    drift = np.array([day_figures.drift_left(day) for day in days])
-    numbers = np.arange(len(days))
-    newtons.bar(
+    panel, numbers = figure.add_subplot(ylabel='force, N'), np.arange(len(dates))
+    dated = numbers[:: -(-len(dates) // 8)]  # more dates would overlap
+    panel.set_xlim(-0.8, len(dates) - 0.2)
+    panel.set_xticks(dated, [dates[n] for n in dated])
+    _frame(panel, 'y')
+    panel.bar(
         numbers, drift[:, 0], 0.9, lw=0, color=WITHOUT, alpha=0.4, label='drift without a model'
     )
-    newtons.bar(numbers, drift[:, 1], 0.5, lw=0, color=WITH, label='left by the live model')
+    panel.bar(numbers, drift[:, 1], 0.5, lw=0, color=WITH, label='left by the live model')
     highest = np.nanmax(drift, axis=1, initial=0.0)
     # A few wild days must not flatten the others.
-    newtons.set_ylim(0, min(2 * np.quantile(highest, 0.9), 1.1 * highest.max()) or 1.0)
-    newtons.set_ylabel('force, N')
-    newtons.legend(
+    panel.set_ylim(0, min(2 * np.quantile(highest, 0.9), 1.1 * highest.max()) or 1.0)
+    panel.legend(
         loc='lower left', bbox_to_anchor=(0, 1), ncols=2, frameon=False, borderaxespad=0.1
     )
-    lanes.set_yticks(range(len(names)), names, parse_math=False)
-    lanes.set_ylim(len(names) - 0.4, -0.6)
-    for event in happened:
-        lane, begin, end = names.index(event.name), event.first - 0.45, event.last + 0.45
-        if event.name in day_figures.CHANGES.values():
-            lanes.plot(end, lane, '^', color=WITH, ms=7, clip_on=False)
-            if event.name != day_figures.OFFERED:
-                newtons.axvline(end, color=FRAME, lw=0.8, ls='--')
-        else:
-            lanes.barh(lane, end - begin, 0.5, begin, color=THERMOMETERS[1])
     return figure
 
 
@@ -201,5 +190,5 @@ def png(figure: Figure) -> bytes:
     """Turn a picture into PNG that is known again by its software."""
     FigureCanvasAgg(figure)
     buffer = BytesIO()
-    figure.savefig(buffer, dpi=120, format='png', metadata={'Software': day_figures.PAINTER})
+    figure.savefig(buffer, dpi=120, format='png', metadata={'Software': PAINTER})
     return buffer.getvalue()

@@ -167,7 +167,7 @@ def calibration_content(
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
         levels[axis] = 'weak' if verdict.level == 'uncalibrated' and drifts else verdict.level
     case = advices.Case(
-        recordings, coverage, reference, levels, calibration.warnings,
+        recordings, coverage, levels,
         [Path(path) for path, _ in model_sources(stored)],
         stored.sensor.get('temperature_topics', ()),
         run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
@@ -181,7 +181,8 @@ def calibration_content(
     return ReportContent(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
         legend=f'{legend} {verdicts.conditions_of_another_day(calibration)}'.strip(),
-        explanation=explain_folds(first, recordings, reference),
+        explanation=f'Each of {len(np.unique(first.fold))} parts was predicted by a model '
+        f'of the others. Errors are means over {first.bin_s:g} s. Reference: {reference}.',
         axes=tuple(axes), advice=advices.advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
         payloads=calibration.payloads, at_work='' if work is None else _at_work(work))  # fmt: skip
@@ -202,8 +203,6 @@ def evaluation_content(
     moved_k = max(np.ptp(mean_over(r.temperature_c, over), axis=0).max() for r in recordings)
     both = np.concatenate([np.stack(judged.errors, axis=2) for judged in evaluated])
     axes: list[AxisView] = []
-    beyond: dict[str, str] = {}
-    loose: list[str] = []
     for axis, errors in judge_errors([judged.errors for judged in evaluated]).items():
         unit, limit = axis_unit(axis), stored.model.day_limits.get(axis, np.nan)
         left = both[:, AXES.index(axis)]
@@ -218,10 +217,6 @@ def evaluation_content(
             moved_k=moved_k, parts=by_fold, limit=limit))  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
         axes.append(AxisView(axis, unit, verdict, errors, series, entry, limit, parts))
-        if errors.max_after > limit:
-            beyond[axis] = f'{axis} {rounded(errors.max_after)} {unit} (limit {rounded(limit)})'
-        elif verdict.level == 'good' and not limit < errors.max_before:
-            loose.append(axis)
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
     # A table and a model of tables name no topics.
@@ -234,9 +229,10 @@ def evaluation_content(
         run = f'{compensate} -o compensated.csv --tare 60\nOr live, with your topics:\n{run}'
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = advices.Case(
-        recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
-        warnings, paths, stored.sensor.get('temperature_topics', ()),
-        beyond=beyond, loose=loose, run=run if is_another_day else '',
+        recordings, coverage, {axis.axis: axis.verdict.level for axis in axes},
+        paths, stored.sensor.get('temperature_topics', ()),
+        run=run if is_another_day else '',
+        beyond=[axis.axis for axis in axes if axis.errors.max_after > axis.day_limit],
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = ' limit: largest error on 9 of 10 days, as the calibration stated it.'
@@ -286,20 +282,6 @@ def _slowest_s(fit: AxisFit) -> float:
     """Find the slowest time constant that was searched, s; those of a bank are given."""
     pairs = zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
     return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
-
-
-def explain_folds(held_out: HeldOut, recordings: Sequence[Recording], reference: Reference) -> str:
-    """Say which parts of the data were held out, and from where errors are counted."""
-    parts, zero = 'recordings', 'The errors of each are tared in its first minute'
-    if len(recordings) == 1 and held_out.tared:
-        parts = 'parts of the recording'
-    elif len(recordings) == 1:
-        parts, zero = 'plateaus', 'Errors count from the mean of the other plateaus'
-    return (
-        f'Each of the {len(np.unique(held_out.fold))} {parts} was predicted from its temperatures '
-        f'by a model that was fitted to the others. {zero}, and averaged over '
-        f'{held_out.bin_s:g} s. Reference: {reference}.'
-    )
 
 
 def _at_work(separation: Separation) -> str:

@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from wrist_ft_comp.fit.folds import averaged_s
-from wrist_ft_comp.fit.result import Calibration, FoldErrors, HARMFUL_RATIO
+from wrist_ft_comp.fit.result import Calibration, FoldErrors
 from wrist_ft_comp.report.evaluation import AxisEvaluation
 from wrist_ft_comp.series import rounded
 
@@ -29,6 +29,8 @@ LEVEL_NAMES: dict[Level, str] = {
     'good': 'good', 'weak': 'weak', 'harmful': 'harmful', 'uncalibrated': 'not calibrated',
     'unjudged': 'not judged',
 }  # fmt: skip
+#: A model that leaves this many times what no model leaves does harm; less may be chance.
+HARMFUL_RATIO = 1.05
 #: Largest share of the drift that a good axis leaves.
 GOOD_REMAINDER = 0.25
 #: What is no larger than this many times the noise counts as noise.
@@ -130,20 +132,6 @@ def judge(evidence: Evidence) -> Verdict:
     if is_noise:
         remainder += '; as measured, no more than the noise of the sensor'
     return Verdict('good', f'{remainder}.')
-
-
-def summarise(calibration: Calibration) -> str:
-    """Say what was learnt: a line per axis and payload, one on the limits, the warnings."""
-    lines = []
-    for axis, fit in calibration.fits.items():
-        line = f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} RMS held out'
-        # A method that a person named is kept although it may do harm, but not silently.
-        line += f' ({fit.chosen}){": WORSE THAN NONE" if fit.harmful else ""}'
-        limit = '' if np.isnan(fit.day_limit) else f', limit {fit.day_limit:.2g} {fit.unit}'
-        lines.append(line + limit)
-    lines += calibration.payloads.lines() if calibration.payloads else []
-    lines += filter(None, [conditions_of_another_day(calibration)])
-    return '\n'.join([*lines, *(f'warning: {warning}' for warning in calibration.warnings)])
 
 
 def conditions_of_another_day(calibration: Calibration) -> str:
