@@ -30,10 +30,10 @@ def seen(make_recording):
     return make
 
 
-def advice(coverage, levels=None, hours=(2.0,), **more):
+def advice(coverage, levels=None, reference='unloaded', hours=(2.0,), **more):
     recordings = [SimpleNamespace(duration_s=3600 * h) for h in hours]
     levels = dict.fromkeys(AXES, 'good') if levels is None else levels
-    return '\n'.join(advise(Case(recordings, coverage, levels, **more)))
+    return '\n'.join(advise(Case(recordings, coverage, reference, levels, (), **more)))
 
 
 def test_time_without_a_wrench_is_not_counted(make_recording):
@@ -89,7 +89,7 @@ def test_the_command_that_runs_a_model_names_no_topic_that_is_usual(monkeypatch)
         assert run_command(Topics(imu='/imu'), 'm.yaml') == f'{words} -p gravity.source:=imu'
 
 
-def test_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):
+def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):
     def survey(path):
         assert path == Path('day.mcap')
         entries = {'/inside': True, '/arm/state:motor temp': True, '/still': False}
@@ -103,10 +103,12 @@ def test_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):
     monkeypatch.setattr('wrist_ft_comp.report.advice.survey_bag', survey)
     case = Case(
         [SimpleNamespace(duration_s=600.0)], seen(ramp(20, 35)),
-        dict.fromkeys(AXES, 'weak'), [Path('day.mcap')], ['/inside'])  # fmt: skip
-    first, second, *_ = advise(case)
-    assert first.endswith(
+        'unloaded', dict.fromkeys(AXES, 'weak'), ['day swings around its levels of 120 s'],
+        [Path('day.mcap')], ['/inside'])  # fmt: skip
+    first, second, third, *_ = advise(case)
+    assert first.startswith('The load moved, although it was declared unloaded.')
+    assert second.endswith(
         'day.mcap holds /arm/state:motor temp, too, which was not used. Calibrate with\n'
         "--temperature-topic /inside --temperature-topic '/arm/state:motor temp'"
     )
-    assert second.startswith('The longest recording lasts 0.2 h; record 1.0 h or more')
+    assert third.startswith('The longest recording lasts 0.2 h; record 1.0 h or more')

@@ -11,7 +11,7 @@ from shutil import which
 import numpy as np
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.recording import Recording, Topics
+from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.bag_topics import survey_bag, TEMPERATURE
 from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.evaluation import SAME_K
@@ -24,6 +24,10 @@ _IMU_TOPIC = 'imu'
 _TIME_CONSTANTS = 4.0
 #: A recording should last for at least this time, s.
 _SHORTEST_S = 3600.0
+#: What is warned of where a load moves (fit/segments.py), and where thermometers are exchanged
+#: (stream/exchanged_thermometers.py).
+_MOTION = 'swings around its levels'
+_EXCHANGED = 'read what is expected of each other'
 _CALIBRATE_AGAIN = 'Calibrate again with these recordings among the others.'
 
 
@@ -54,8 +58,11 @@ class Case:
 
     recordings: Sequence[Recording]
     coverage: Coverage
+    reference: Reference
     #: Of the axes that were recorded; one that drifts unexplained is weak.
     levels: Mapping[str, Level]
+    #: What was found while reading and fitting, in sentences.
+    warnings: Sequence[str]
     #: Where the recordings lie, and the thermometers of them that were used, as options name them.
     paths: Sequence[Path] = ()
     thermometers: Sequence[str] = ()
@@ -93,7 +100,12 @@ def run_command(topics: Topics, model: object) -> str:
 
 def advise(case: Case) -> tuple[str, ...]:
     """Say what to do next, the most useful first: one sentence or two for each step."""
-    steps: list[str] = []
+    steps = []
+    if any(_MOTION in warning for warning in case.warnings):
+        steps.append(
+            f'The load moved, although it was declared {case.reference}. Let the robot stand '
+            'still while recording, or record its specific force and use --reference payload.'
+        )
     poor = [axis for axis, level in case.levels.items() if level in {'weak', 'harmful'}]
     unexplained = [axis for axis in poor if axis not in case.beyond]
     # Thermometers that left the temperatures which the model was learnt at.
@@ -104,7 +116,8 @@ def advise(case: Case) -> tuple[str, ...]:
     ]  # fmt: skip
     if case.learnt_c:
         none_is_good = poor and {*case.levels.values()} <= {'weak', 'harmful', 'uncalibrated'}
-        if none_is_good and len(case.learnt_c) > 1:
+        doubted = any(_EXCHANGED in warning for warning in case.warnings)
+        if doubted or (none_is_good and len(case.learnt_c) > 1):
             steps.append(
                 'Are the thermometers in the order of the model? Where two are exchanged, every '
                 'correction is wrong. Name topics or columns in the order of the calibration.'

@@ -167,7 +167,7 @@ def calibration_content(
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
         levels[axis] = 'weak' if verdict.level == 'uncalibrated' and drifts else verdict.level
     case = advices.Case(
-        recordings, coverage, levels,
+        recordings, coverage, reference, levels, calibration.warnings,
         [Path(path) for path, _ in model_sources(stored)],
         stored.sensor.get('temperature_topics', ()),
         run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
@@ -229,8 +229,8 @@ def evaluation_content(
         run = f'{compensate} -o compensated.csv --tare 60\nOr live, with your topics:\n{run}'
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = advices.Case(
-        recordings, coverage, {axis.axis: axis.verdict.level for axis in axes},
-        paths, stored.sensor.get('temperature_topics', ()),
+        recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
+        warnings, paths, stored.sensor.get('temperature_topics', ()),
         run=run if is_another_day else '',
         beyond=[axis.axis for axis in axes if axis.errors.max_after > axis.day_limit],
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
