@@ -41,15 +41,21 @@ def test_time_without_a_wrench_is_not_counted(make_recording):
     raw[:HOUR] = raw[-HOUR // 2 :] = np.nan
     coverage = cover([make_recording(ramp(10, 40, 3 * HOUR), {'force_z': raw})])
     assert coverage.range_c[0] == pytest.approx([20, 35], abs=0.1)
+    assert coverage.risen_k == pytest.approx(15, abs=1)
     assert 'recordings go from 20 to 35 °C. If the robot gets colder' in advice(coverage)
 
 
+NOISE = np.random.default_rng(1).normal(0, 0.2, HOUR)
 PAIR = np.stack((ramp(20, 30), ramp(20, 40)), axis=1)
+BOTH_WAYS = np.concatenate((ramp(20, 35), ramp(35, 25)))
 #: Of an evaluation, where two thermometers stayed in their range.
 JUDGED = {'learnt_c': [(0.0, 50.0)] * 2}
 BEYOND = {'levels': {'force_z': 'weak'}, 'beyond': ['force_z']}
 #: Temperatures, what else is known, and a part of what is asked for, or of what is not.
 ASKED = [
+    (ramp(20, 35) + NOISE, {}, 'Let it cool down', ''),
+    (ramp(35, 20), {}, 'Let it warm up', ''),
+    (BOTH_WAYS, {}, '', 'Let it'),
     (ramp(20, 30), {'levels': {'force_x': 'weak'}}, 'One thermometer does not', ''),
     (PAIR, JUDGED | {'levels': {'force_x': 'weak', 'force_y': 'uncalibrated'}}, 'order of', ''),
     (PAIR, JUDGED | {'levels': {'force_x': 'weak', 'force_y': 'good'}}, '', 'the order of'),
@@ -60,6 +66,8 @@ ASKED = [
     (PAIR, {'levels': {'force_x': 'weak'}}, 'The 2 thermometers do not explain force_x', ''),
     (PAIR, {'levels': dict.fromkeys(AXES, 'weak')}, 'not explain any axis well', ''),
     (PAIR, {}, 'from 20 to 40 °C at thermometer 2', ''),
+    (ramp(20, 35), {}, 'ended hot: the sensor warmed by 13.8 K and', 'ended cold'),
+    (ramp(20, 35), {}, 'A lag can only be measured if it also cools down.', ''),
     (ramp(20, 35), {'hours': (0.5,)}, 'lasts 0.5 h; record 1.0 h or more.', ''),
     (ramp(20, 35), {'slowest_s': 3600.0}, '4.0 h or more, as the slowest lag is 60 min', ''),
     (ramp(20, 35), {'slowest_s': 1000.0}, 'second day', 'lasts'),
@@ -79,6 +87,10 @@ def test_what_is_missing_is_asked_for(seen, temperature_c, known, asked, not_ask
     text = advice(seen(temperature_c), **known)
     assert asked in text
     assert not not_asked or not_asked not in text
+
+
+def test_warming_and_cooling_are_those_of_one_recording(seen):
+    assert seen(ramp(20, 35), ramp(20, 30)).risen_k == pytest.approx(13.8, abs=0.1)
 
 
 def test_the_command_that_runs_a_model_names_no_topic_that_is_usual(monkeypatch):

@@ -11,6 +11,7 @@ from shutil import which
 import numpy as np
 
 from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.bag_topics import survey_bag, TEMPERATURE
 from wrist_ft_comp.recordings.read import open_bag
@@ -20,10 +21,14 @@ from wrist_ft_comp.series import FloatArray
 
 #: Where the node hears an IMU, unless it is remapped.
 _IMU_TOPIC = 'imu'
+#: Rise and fall are counted between means over this time, s, so that noise does not count.
+_TREND_S = 300.0
 #: A recording should last for this many slowest time constants.
 _TIME_CONSTANTS = 4.0
 #: A recording should last for at least this time, s.
 _SHORTEST_S = 3600.0
+#: Warming is missing where it is less than this share of cooling, and the other way round.
+_ONE_WAY_SHARE = 0.2
 #: What is warned of where a load moves (fit/segments.py), and where thermometers are exchanged
 #: (stream/exchanged_thermometers.py).
 _MOTION = 'swings around its levels'
@@ -39,6 +44,9 @@ class Coverage:
     range_c: FloatArray
     #: Number of the thermometer that spans most, counted from 0; advice is about this one.
     leading: int
+    #: How far the leading thermometer went up, and down, in one recording at most.
+    risen_k: float
+    fallen_k: float
 
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
@@ -49,7 +57,13 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
         seen_c.append(np.where(has_wrench, recording.temperature_c, np.nan))
     together_c = np.concatenate(seen_c)
     range_c = np.stack((np.nanmin(together_c, axis=0), np.nanmax(together_c, axis=0)), axis=1)
-    return Coverage(range_c, int(np.argmax(np.ptp(range_c, axis=1))))
+    leading = int(np.argmax(np.ptp(range_c, axis=1)))
+    # Rise and fall, between means of the leading thermometer.
+    cells = max(round(_TREND_S / recordings[0].period_s), 1)
+    means = [mean_over(one_c[:, leading], cells) for one_c in seen_c]
+    moves = [np.diff(of_one[np.isfinite(of_one)]) for of_one in means]
+    risen_k, fallen_k = (max(float((sign * k).clip(0).sum()) for k in moves) for sign in (1, -1))
+    return Coverage(range_c, leading, risen_k, fallen_k)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,11 +185,18 @@ def _recorded(case: Case) -> Iterator[str]:
             f'The longest recording lasts {longest_s / 3600:.1f} h; record '
             f'{wanted_s / 3600:.1f} h or more{why}.'
         )
-    if len(durations_s) == 1:
+    up, down = coverage.risen_k, coverage.fallen_k
+    if min(up, down) < _ONE_WAY_SHARE * max(up, down):
+        ended, other, ways = 'hot', 'cool down', 'cools down'
+        if up < down:
+            ended, other, ways = 'cold', 'warm up', 'warms up'
         yield (
-            'Record on a second day, from cold until it has cooled down again: a model is then '
-            'judged on whole days that it has not seen.'
+            f'The recording ended {ended}: {leading or "the sensor"} warmed by {up:.1f} K and '
+            f'cooled by {down:.1f} K. Let it {other} while recording. A lag can only be measured '
+            f'if it also {ways}.'
         )
+    if len(durations_s) == 1:
+        yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
     low_c, high_c = coverage.range_c[coverage.leading]
     where = f' at {leading}' if leading else ''
     yield (
