@@ -24,7 +24,7 @@ from wrist_ft_comp.series import FloatArray, IntArray, ROUNDING
 
 #: The weight has changed where its force differs by this, N: seven times the noise of common
 #: sensors, 0.3 N.
-MOVED_N = 2.0
+_MOVED_N = 2.0
 #: Changes that are kept, and fewest that say something.
 _KEPT, _FEWEST = 24, 10
 #: Fewer poses than this say nothing, where a process presses in one of them in each cycle ...
@@ -43,7 +43,7 @@ _AS_WEIGHT = 0.25
 _LEAST_TURN_DEG = 8.0
 #: Forces that are kept, and how many differ; five times in a row, this share of those lies on the
 #: sphere of a weight, within this share of its radius.
-FORCES, DIRECTIONS, _IN_A_ROW, ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
+_FORCES, _DIRECTIONS, _IN_A_ROW, _ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
 #: A force that moves by less than this share of the weight is that of an empty sensor.
 _MOUNTED_SHARE = 0.2
 #: Motion is what the weight changes by in this time, s, if it is more than this, N.
@@ -78,7 +78,7 @@ class WeightCheck:
         #: The weights before and after these changes, N.
         self._poses: deque[FloatArray] = deque(maxlen=_KEPT)
         #: Forces and weights between which the force changed, N, (2, 3) each.
-        self._moves: deque[FloatArray] = deque(maxlen=FORCES)
+        self._moves: deque[FloatArray] = deque(maxlen=_FORCES)
         #: Forces and weights between which the weight changed by less, N, (2, 3) each.
         self._looks: deque[FloatArray] = deque(maxlen=_LOOKS)
         #: How much oftener the torque showed another centre of mass than not: a contact may.
@@ -97,7 +97,7 @@ class WeightCheck:
         now = np.stack((wrench, weight))
         if not self._looks or np.linalg.norm(now[1, :3] - self._looks[-1][1]) >= _LOOK_N:
             self._looks.append(now[:, :3])
-        if not self._moves or np.linalg.norm(now[0, :3] - self._moves[-1][0]) >= MOVED_N:
+        if not self._moves or np.linalg.norm(now[0, :3] - self._moves[-1][0]) >= _MOVED_N:
             self._moves.append(now[:, :3])
             self._alone = self._alone + 1 if self._turns_alone() else 0
         if not self.found and (self._alone >= _IN_A_ROW or self._is_against()):
@@ -110,7 +110,7 @@ class WeightCheck:
             self._before = now
             self._poses.append(weight[:3])
         change = now - self._before
-        if np.linalg.norm(change[1, :3]) >= MOVED_N:
+        if np.linalg.norm(change[1, :3]) >= _MOVED_N:
             self._before = now
             self._changes.append(change)
             self._poses.append(weight[:3])
@@ -119,7 +119,7 @@ class WeightCheck:
 
     def _turns_alone(self) -> bool:
         """Whether the force moves on the sphere of the weight, but not as the weight."""
-        if len(self._moves) < DIRECTIONS:
+        if len(self._moves) < _DIRECTIONS:
             return False
         forces, weights = np.array(self._moves).swapaxes(0, 1)
         moved = np.diff(forces, axis=0)
@@ -128,7 +128,7 @@ class WeightCheck:
         if is_apart.mean() < 1 - _AS_WEIGHT:
             return False
         forces, radius_n = distinct(forces), np.median(np.linalg.norm(weights, axis=1))
-        if len(forces) < DIRECTIONS:
+        if len(forces) < _DIRECTIONS:
             return False
         fours = forces[_draws(4, len(forces))]
         # Of four points, those less the first: 2 (p - q) · center = p² - q².
@@ -136,7 +136,7 @@ class WeightCheck:
         centers = np.linalg.pinv(rows) @ (squares[:, 1:] - squares[:, :1])[..., np.newaxis]
         distances = np.linalg.norm(forces - centers.swapaxes(1, 2), axis=2)
         on_sphere = np.abs(distances / radius_n - 1) < _THICK
-        return bool(on_sphere.mean(axis=1).max() >= ON_SPHERE)
+        return bool(on_sphere.mean(axis=1).max() >= _ON_SPHERE)
 
     def _is_against(self) -> bool:
         """Whether the force moves against the weight, or aside, though it is as large."""
@@ -168,7 +168,7 @@ class WeightCheck:
         # are of before an IMU was turned.
         as_weight = np.linalg.norm(force - weight, axis=1) <= 2 * noise_n
         lately = as_weight[-_KEPT // 2 :].mean()
-        if lately >= _AS_WEIGHT and np.linalg.svd(weight[as_weight])[1][-1] >= MOVED_N:
+        if lately >= _AS_WEIGHT and np.linalg.svd(weight[as_weight])[1][-1] >= _MOVED_N:
             turned = weight
         free = np.linalg.norm(force - turned, axis=1) <= 3 * noise_n
         (turn,) = _fit_turns(force[free][None], weight[free][None])
@@ -178,10 +178,10 @@ class WeightCheck:
         # mirror cannot be seen.
         _, spread, directions = np.linalg.svd(weight[free])
         beside_n = np.linalg.norm(weight[free] @ directions[1:].T, axis=1)
-        is_line = np.sum(beside_n >= MOVED_N) < _FEWEST / 2
+        is_line = np.sum(beside_n >= _MOVED_N) < _FEWEST / 2
         if is_line:
             turn = np.eye(3) * np.sum(force[free] * weight[free]) / np.sum(weight[free] ** 2)
-        elif spread[2] < MOVED_N and np.linalg.det(turn) < 0:
+        elif spread[2] < _MOVED_N and np.linalg.det(turn) < 0:
             turn = turn @ (np.eye(3) - 2 * np.outer(directions[2], directions[2]))
         scale = float(np.cbrt(np.linalg.det(turn)))
         off_n = np.median(np.linalg.norm(force[free] - weight[free], axis=1))
@@ -301,7 +301,7 @@ class TareCheck:
         #: Whether this tare has proven itself, and when it was near last, s.
         self._is_right, self._near_s = False, -math.inf
         #: What is left of the force, and the weight, N, (2, 3) each.
-        self._looks: deque[FloatArray] = deque(maxlen=FORCES)
+        self._looks: deque[FloatArray] = deque(maxlen=_FORCES)
 
     def off_n(self, now_s: float, rest_n: FloatArray, weight_n: FloatArray) -> float:
         """
@@ -311,7 +311,7 @@ class TareCheck:
         force-controlled tool presses with, for some time.
         """
         now = np.stack((rest_n, weight_n))
-        if not self._looks or np.linalg.norm(now[1] - self._looks[-1][1]) >= MOVED_N:
+        if not self._looks or np.linalg.norm(now[1] - self._looks[-1][1]) >= _MOVED_N:
             self._looks.append(now)
         rests, weights = np.array(self._looks).swapaxes(0, 1)
         off = np.median(rests, axis=0)
@@ -321,7 +321,7 @@ class TareCheck:
         if np.linalg.norm(rest_n) < near_n:
             self._near_s = now_s
         same = np.linalg.norm(rests - off, axis=1) < near_n
-        is_same = same.mean() >= ON_SPHERE and len(distinct(weights[same])) >= DIRECTIONS
+        is_same = same.mean() >= _ON_SPHERE and len(distinct(weights[same])) >= _DIRECTIONS
         off_n = float(np.linalg.norm(off))
         is_proven = self._is_right and now_s - self._near_s < _PRESSED_S
         return off_n if is_same and off_n > near_n and not is_proven else 0.0
@@ -332,8 +332,8 @@ def _draws(few: int, count: int) -> IntArray:
     return np.random.default_rng(0).random((_TRIPLES, count)).argsort(axis=1)[:, :few]
 
 
-def distinct(forces: Iterable[FloatArray], apart_n: float = MOVED_N) -> FloatArray:
-    """Pick forces that differ by MOVED_N, or otherwise, from all before, (n, 3)."""
+def distinct(forces: Iterable[FloatArray], apart_n: float = _MOVED_N) -> FloatArray:
+    """Pick forces that differ by _MOVED_N, or otherwise, from all before, (n, 3)."""
     kept: FloatArray = np.empty((0, 3))
     for force in forces:
         if (np.linalg.norm(kept - force, axis=1) >= apart_n).all():
