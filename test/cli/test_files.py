@@ -153,7 +153,7 @@ def recordings(drift_csv, bags, monkeypatch):
 
 @pytest.mark.parametrize(
     'case', ['csv -o m.csv', 'csv -o m.html', 'csv --report r.mcap', 'csv --report r.yaml',
-             'csv copy o.mcap', 'mcap copy o.csv', 'mcap copy o.db3', 'sqlite3 copy o.mcap'],
+             'csv copy o.mcap', 'mcap copy o.csv', 'mcap copy o.mcap', 'sqlite3 copy o.mcap'],
 )  # fmt: skip
 def test_a_name_that_promises_something_else_is_refused(case, run, recordings, model, tmp_path):
     kind, option, name = case.split()

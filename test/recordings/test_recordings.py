@@ -95,17 +95,8 @@ def test_a_rewritten_bag_has_each_message_and_the_corrected_wrench(make_bag, sto
     np.testing.assert_array_equal(values_out, values / 2)
     assert values.any()
     assert fractions[-1] == 1.0
-    names = {path.name.replace('bag', 'out') for path in source.iterdir()}
+    names = {path.name.replace('bag', 'out').removesuffix('.zstd') for path in source.iterdir()}
     assert {path.name for path in target.iterdir()} == names
     assert [p.name for p in source.parent.iterdir() if p.name.startswith('.')] == []
     again = read_recording(target, topics=Topics(wrench='/wrench'))
     np.testing.assert_allclose(again.wrench, read_recording(source).wrench / 2)
-
-
-@pytest.mark.parametrize(('storage', 'suffix'), [('sqlite3', '.db3'), ('mcap', '.mcap')])
-def test_a_bare_file_may_be_rewritten_into_a_bare_file(make_bag, storage, suffix):
-    source = make_bag(storage, count=200) / f'bag{suffix}'
-    target = source.parents[1] / f'out{suffix}'
-    rewrite_recording(source, target, halve, output_topic='cleaned')
-    assert target.is_file()
-    assert len(raw_messages(target)['/cleaned']) == 200

@@ -18,10 +18,6 @@ TopicMetadata = namedtuple(
     'TopicMetadata',
     'id name type serialization_format offered_qos_profiles type_description_hash',
 )
-CompressionOptions = namedtuple(
-    'CompressionOptions',
-    'compression_format compression_mode compression_queue_size compression_threads',
-)
 
 
 @dataclass
@@ -32,10 +28,6 @@ class StorageOptions:
     def __post_init__(self):
         assert type(self.uri) is str
         assert self.storage_id in {'', 'mcap', 'sqlite3'}
-
-
-def compression_mode_from_string(text):
-    return {'NONE': 'none', 'FILE': 'file', 'MESSAGE': 'message'}[text]
 
 
 class SequentialReader:
@@ -114,8 +106,6 @@ class SequentialCompressionReader(SequentialReader):
 class SequentialWriter:
     """Writes into a folder that must not be there yet."""
 
-    _options = CompressionOptions('', 'none', 1, 0)
-
     def open(self, storage_options, converter_options):
         assert isinstance(converter_options, ConverterOptions)
         plugin = rosbag2.StoragePlugin[storage_options.storage_id.upper()]
@@ -123,8 +113,6 @@ class SequentialWriter:
             self._writer = rosbag2.Writer(storage_options.uri, version=9, storage_plugin=plugin)
         except rosbag2.WriterError as error:
             raise RuntimeError(str(error)) from error
-        mode = rosbag2.CompressionMode[self._options.compression_mode.upper()]
-        self._writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
         self._writer.open()
         self._connections = {}
 
@@ -148,19 +136,3 @@ class SequentialWriter:
             self._writer.storage = None
 
     __del__ = close
-
-
-class SequentialCompressionWriter(SequentialWriter):
-    """
-    Compresses files or messages.
-
-    In some versions it has no close(): it is finished when the last one to hold it lets it go.
-    """
-
-    def __init__(self, options):
-        assert options.compression_mode != 'none'
-        assert options.compression_threads == 1, 'several threads mix up the order'
-        assert options.compression_queue_size > 10**9, 'what waits beyond it is dropped'
-        self._options = options
-
-    close = property()

@@ -1,7 +1,6 @@
 """A recording copied with its wrench corrected."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -10,7 +9,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.recording import Correction, Topics
-from wrist_ft_comp.recordings.bag import Bag, decode, SUFFIXES
+from wrist_ft_comp.recordings.bag import Bag, decode
 from wrist_ft_comp.recordings.column_map import COMPENSATED
 from wrist_ft_comp.recordings.read import backend, open_recording, OpenTable
 from wrist_ft_comp.series import Progress
@@ -33,9 +32,9 @@ def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its def
 
     A table becomes a CSV recording with this package's columns and units; a bag stays a bag and
     gets the corrected wrench on a topic of its own, ``output_topic``. The target must not exist;
-    for a bag it is a folder, or, with the suffix of the source's storage, one file. ``correct``
-    gets consecutive pieces, NaN for absent axes. RecordingError when the source cannot be read or
-    the target cannot be made; a failure leaves nothing behind.
+    for a bag it is a folder, not compressed. ``correct`` gets consecutive pieces, NaN for absent
+    axes. RecordingError when the source cannot be read or the target cannot be made; a failure
+    leaves nothing behind.
     """
     source, target, topics = Path(source), Path(target), topics or Topics()
     copy = check_copy(source, target, output_topic)
@@ -71,8 +70,7 @@ def check_copy(
                 raise OutputError(
                     f'{bag.name} holds {output_topic} already; name another topic for the output.'
                 )
-            (ending,) = (end for end, storage in SUFFIXES.items() if storage == bag.storage)
-            copy = replace(copy, endings=ending)
+            copy = Output(name='copy of a bag (a folder)', endings='nothing')
     copy.check_target(target, [source, *others])
     return copy
 
@@ -85,12 +83,10 @@ def _write_bag(  # noqa: PLR0913, PLR0917 -- as rewrite_recording
     topics: Topics,
     progress: Progress | None,
 ) -> None:
-    """Copy storage, compression and every message; add wrenches at the times of the raw one."""
-    bare = target.suffix in SUFFIXES
-    folder = target.with_name(f'{target.stem}_bag') if bare else target
+    """Copy every message into the same storage; add wrenches at the times of the raw one."""
     wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
     numbers = {wrench.id for wrench in wrenches}
-    with backend().write_bag(folder, bag, '' if bare else bag.compression) as (add, write):
+    with backend().write_bag(target, bag.storage) as (add, write):
         copies = {c.id: add(c, c.topic, c.msgtype) for c in bag.connections}
         added = add(wrenches[0], f'/{output_topic.strip("/")}', cdr.WRENCH)
         for batch in bag.batches(bag.connections, progress):
@@ -101,9 +97,6 @@ def _write_bag(  # noqa: PLR0913, PLR0917 -- as rewrite_recording
                 write(copies[connection.id], time_ns, data)
                 if connection.id in numbers:
                     write(added, time_ns, next(corrected))
-    if bare:
-        (made,) = folder.glob(f'*{target.suffix}')
-        made.rename(target)
 
 
 def _write_table(

@@ -13,9 +13,6 @@ import yaml
 from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, Message
 from wrist_ft_comp.wire.numbers_in_messages import define_installed
 
-#: rosbag2 drops messages that wait for compression when there are more than this.
-_QUEUE = 1 << 40
-
 
 def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
     """Open a bag folder or a storage file; the stack closes it."""
@@ -71,18 +68,12 @@ def _read(
 
 
 @contextmanager
-def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
-    """Make a bag of another's storage in a new folder; an OSError if it cannot be written."""
-    if compression:
-        mode = rosbag2_py.compression_mode_from_string(compression.upper())
-        # One thread, or messages would change places.
-        options = rosbag2_py.CompressionOptions('zstd', mode, _QUEUE, 1)
-        writers = [rosbag2_py.SequentialCompressionWriter(options)]
-    else:
-        writers = [rosbag2_py.SequentialWriter()]
+def write_bag(folder: Path, storage: str) -> Iterator[BagWriter]:
+    """Make a bag in a new folder; an OSError if it cannot be written."""
+    writers = [rosbag2_py.SequentialWriter()]
     try:
-        storage = rosbag2_py.StorageOptions(uri=str(folder), storage_id=like.storage)
-        writers[0].open(storage, rosbag2_py.ConverterOptions('', ''))
+        where = rosbag2_py.StorageOptions(uri=str(folder), storage_id=storage)
+        writers[0].open(where, rosbag2_py.ConverterOptions('', ''))
         yield (
             lambda like, topic, kind: _add_topic(writers[0], like, topic, kind),
             lambda topic, time_ns, data: writers[0].write(topic, data, time_ns),

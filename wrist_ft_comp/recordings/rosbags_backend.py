@@ -83,14 +83,11 @@ def _salvage(name: str, chosen: Path, stack: ExitStack) -> Bag | None:
 
 
 @contextmanager
-def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
-    """Make a bag of another's storage in a new folder; an OSError if it cannot be written."""
+def write_bag(folder: Path, storage: str) -> Iterator[BagWriter]:
+    """Make a bag in a new folder; an OSError if it cannot be written."""
     try:
-        storage = rosbag2.StoragePlugin[like.storage.upper()]
-        writer = rosbag2.Writer(folder, version=9, storage_plugin=storage)
-        mode = rosbag2.CompressionMode[compression.upper() or 'NONE']
-        writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
-        with writer:
+        plugin = rosbag2.StoragePlugin[storage.upper()]
+        with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
             yield partial(_add_topic, writer), writer.write
     except (rosbag2.WriterError, sqlite3.Error) as error:
         raise OSError(errno.EIO, str(error)) from error
