@@ -2,6 +2,7 @@
 
 from datetime import datetime, timedelta
 from itertools import zip_longest
+from pathlib import Path
 import re
 import shlex
 
@@ -325,35 +326,39 @@ def test_nanoseconds_are_added_to_whole_seconds_of_the_same_stamp(header, run, t
         assert 'Time of log.csv has decimals, to which header.stamp.nsecs' in said.sentence
 
 
-#: Two groups of columns with their own times: those of the second one, s.
+#: Two groups of columns with their own times, s: of the second one, and how many rows it has.
 CLOCKS = {
-    'Time,Fz,Time,Temp': 600 + np.arange(3600.0),
-    'Fz_x,Fz,Temp_x,Temp\n[s],[N],[s],[degC]': 600 + np.arange(3600.0),
-    'Time (s),Fz,Time (s),T (C)': 10 * np.arange(360.0),
+    'Time,Fz,Time,Temp': (600 + np.arange(3600.0), '', ''),
+    'Fz_x,Fz,Temp_x,Temp\n[s],[N],[s],[degC]': (600 + np.arange(3600.0), ':N', ':C'),
+    'Time (s),Fz,Time (s),T (C)': (10 * np.arange(360.0), '', ':C'),
+    'Time (s),Fz,Time (s),T (C),': (0.75 * np.arange(4800.0), '', ':C'),
 }
 
 
 @pytest.mark.parametrize('header', CLOCKS)
-def test_a_second_clock_is_told_and_is_read_from_a_file_of_its_own(header, done, tmp_path):
+def test_a_second_clock_is_named_with_what_reads_it(header, done, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    times, force_unit, unit = CLOCKS[header]
     t, wrench, _ = day(1)
-    celsius = 22 + 14 * (1 - np.exp(-CLOCKS[header] / 900))
+    celsius = 22 + 14 * (1 - np.exp(-times / 900))
     groups = [[f'{at:.2f},{value:.4f}' for at, value in zip(*group, strict=False)]
-              for group in ((t, wrench[:, 2]), (CLOCKS[header], celsius))]  # fmt: skip
+              for group in ((t, wrench[:, 2]), (times, celsius))]  # fmt: skip
     rows = [','.join(row) for row in zip_longest(*groups, fillvalue=',')]
-    (tmp_path / 'log.csv').write_text('\n'.join([header, *rows, '']))
-    said = done('show', tmp_path / 'log.csv')
-    late = header.partition('\n')[0].rpartition(',')[2]
-    assert f'has another time before {late}, which differs from' in said
+    (tmp_path / 'log.csv').write_text('\n'.join([header.rstrip(','), *rows, '']))
+    shown = run('show', 'log.csv')
+    said = shown.out + shown.err
+    found = re.search(r"is not used. Read each .* name (\S+) with --columns '(.*)' --time s", said)
+    assert found, said
+    columns = f'stamp=1,force_z=2{force_unit},stamp=7,temperature_c=8{unit}'
+    assert found.groups() == ('log.csv+log.csv', columns)
     assert 'temperature_2_c' not in said
-    for name, group in zip(('one', 'two'), groups, strict=True):
-        (tmp_path / f'{name}.csv').write_text('\n'.join([*group, '']))
-    columns = 'stamp=1,force_z=2,stamp=3,temperature_c=4'
-    joined = tmp_path / 'one.csv+two.csv'
-    assert 'another time' not in done('show', joined, '--columns', columns)
-    with open_recording(joined, Topics(columns=columns)) as opened:
+    again = done('show', found[1], '--columns', columns, '--time', 's')
+    assert 'another time' not in again
+    assert 'not understood' not in again
+    with open_recording(Path(found[1]), Topics(columns=columns, time='s')) as opened:
         stamps_s = {block.channels: block.stamps_ns / 1e9 for block in opened.samples()}
     np.testing.assert_allclose(stamps_s['force_z',], t)
-    np.testing.assert_allclose(stamps_s['temperature_c',], CLOCKS[header])
+    np.testing.assert_allclose(stamps_s['temperature_c',], times)
 
 
 def test_a_date_beside_seconds_and_a_stamp_that_a_temperature_has_are_no_second_clock(

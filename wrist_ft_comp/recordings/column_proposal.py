@@ -9,7 +9,8 @@ stays open, as in ``force_z=…``.
 
 from collections.abc import Sequence
 from contextlib import suppress
-from itertools import count
+from dataclasses import replace
+from itertools import count, pairwise
 import re
 import shlex
 from typing import NamedTuple
@@ -181,12 +182,19 @@ def warn_of_clocks(placed: Placed, table: Table | TableInMemory) -> list[str]:
     starts = [looks.place for looks in times if _is_another_clock(stamp, looks, shown)]
     if not starts:
         return []
+    entries = list[str]()
+    for k, (start, end) in enumerate(pairwise([stamp.place, *starts, len(header.names)])):
+        group = [c for c in used if c.place < end and (c.place > start or not k)]
+        group = [replace(stamp, place=start), *group] if group else []
+        before = header.columns_before + k * len(header.names)
+        entries += [column.entry(before) for column in group]
     late = column_map.listed(column.name for column in used if column.place > starts[0])
+    file = shlex.quote('+'.join([str(getattr(table, 'path', table.name))] * (len(starts) + 1)))
     sentence = (
         f'{placed.table} has another time before {late}, which differs from {stamp.name} and is '
-        'not used. Make a file of each time and its columns, and name both as one.csv+two.csv.'
+        f"not used. Read each by its own: name {file} with --columns '{','.join(entries)}'"
     )
-    return [sentence]
+    return [f'{sentence} --time {shlex.quote(stamp.unit)}.' if stamp.unit else f'{sentence}.']
 
 
 def _is_another_clock(stamp: Column, looks: '_Looks', rows: Sequence[Sequence[str]]) -> bool:

@@ -183,7 +183,7 @@ class OpenTable:
         """Read all rows of the columns that are used, one table after the other."""
         self.require(STAMP)
         for table, placed in zip(self.tables, self.columns, strict=True):
-            yield from table.rows(placed, progress)
+            yield from _rows_of(table, placed, progress)
 
     def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
         """Read by block; a group that some rows fill in part comes channel by channel."""
@@ -203,7 +203,7 @@ class OpenTable:
         spacings_s = [
             float(np.median(np.diff(block.stamps_ns))) / NANOSECONDS
             for table, placed in zip(self.tables, self.columns, strict=True)
-            for rows in islice(table.rows(placed), 1)
+            for rows in islice(_rows_of(table, placed), 1)
             for block in samples_of(rows.stamps_ns, rows.values)
             if len(block.stamps_ns) > 1
         ]
@@ -215,11 +215,24 @@ class OpenTable:
     def warnings(self) -> tuple[str, ...]:
         """What is not used, and was left out; complete when the samples were read."""
         found = [self.compensated] if self.compensated else []
-        for table, placed in zip(self.tables, self.columns, strict=True):
-            unused = column_proposal.warn_of_unused(placed)
+        paths = [getattr(table, 'path', table) for table in self.tables]
+        for path, table, placed in zip(paths, self.tables, self.columns, strict=True):
+            # A file that is joined with itself is used by another part, too.
+            unused = column_proposal.warn_of_unused(placed) if paths.count(path) == 1 else []
             clocks = column_proposal.warn_of_clocks(placed, table)
             found += [*placed.warnings, *unused, *clocks, *table.warnings]
         return tuple(found)
+
+
+def _rows_of(
+    table: Table | TableInMemory, placed: Placed, progress: Progress | None = None
+) -> Iterator[Rows]:
+    """Read a table; where its clock stops before another one in it, say so first."""
+    try:
+        yield from table.rows(placed, progress)
+    except RecordingError as error:
+        clocks = column_proposal.warn_of_clocks(placed, table)
+        raise RecordingError(' '.join([*clocks, str(error)])) from error
 
 
 def files_of(path: Path) -> list[Path]:

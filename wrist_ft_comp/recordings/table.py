@@ -282,6 +282,9 @@ class _RowConverter:
 
     def __call__(self, frame: Any) -> Rows:
         """Convert columns by their places, numbers or texts, of rows by their lines."""
+        if self._stamp.place in frame and _is_empty(frame[self._stamp.place]).any():
+            # Of two groups of columns with their own clocks, one is shorter.
+            frame = frame[~_is_empty(frame[self.places]).all(axis=1)]
         lines, values = frame.index.to_numpy(), {}
         for column in self._channels:
             cells = np.asarray(frame.get(column.place, np.full(len(lines), nan)))
@@ -355,6 +358,10 @@ class _RowConverter:
             stamps_ns = stamps_ns + (day + np.cumsum(has_passed)) * DAY_NS
             self._last_ns = int(stamps_ns[-1])
         return np.asarray(stamps_ns)
+
+
+def _is_empty(cells: Any) -> Any:
+    return cells.isna() | (cells == '')
 
 
 def _encoding_of(start: bytes) -> str:
