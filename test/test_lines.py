@@ -10,8 +10,8 @@ ROOT = Path(__file__).parents[1]
 MOST = {
     # Above the goal of 21 500: 1 330 lines came for faults that left 1 to 188 N with every status
     # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
-    'wrist_ft_comp': 22_654,
-    'test': 18_860,
+    'wrist_ft_comp': 22_682,
+    'test': 18_865,
     'bench': 5_193,
 }
 
