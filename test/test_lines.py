@@ -12,7 +12,7 @@ MOST = {
     # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
     'wrist_ft_comp': 22_682,
     'test': 18_865,
-    'bench': 5_193,
+    'bench': 5_194,
 }
 
 

@@ -227,9 +227,10 @@ def _events() -> Iterator[tuple[str, Event]]:
         ('unstamped', 'stamp', 20, 600), ('mixed', 'publisher', 70, 300),
     ):  # fmt: skip
         yield f'wrench {kind}', Event('driver', words, sick('wrench', kind, least_s, most_s))
+    turned = 'mirrored|turned|did not fit'  # the last is of a tare that was taken meanwhile
     for kind, words, least_s, most_s in (
-        ('mirrored', 'mirrored|turned', 300, 1800), ('turned', 'mirrored|turned', 300, 1800),
-        ('upside down', 'mirrored|turned', 300, 1800), ('silent', 'specific force', 20, 900),
+        ('mirrored', turned, 300, 1800), ('turned', turned, 300, 1800),
+        ('upside down', turned, 300, 1800), ('silent', 'specific force', 20, 900),
         ('frozen', 'specific force', 20, 900), ('in g', 'specific force', 60, 900),
         ('nan', 'specific force|IMU', 20, 900),
     ):  # fmt: skip
