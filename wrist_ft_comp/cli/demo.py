@@ -43,7 +43,7 @@ calibrate, record another day, and judge the model on it: a report says what is
 left of the drift. Exit code 0 when drift of force_z fell at least 10 times."""
 _PLOT = (
     f'A simulated sensor drifts on two days of three hours, {_SPEED:g} times as fast as a real '
-    'one. The node records day 1, learns the drift, and removes it on day 2. It takes two minutes.'
+    'one. The node records day 1, learns the drift, and removes it on day 2. It takes a minute.'
 )
 _NEXT = """\
 The node's model, its recordings and its log: {folder}

@@ -27,9 +27,9 @@ from wrist_ft_comp.series import FloatArray, IntArray, ROUNDING
 _MOVED_N = 2.0
 #: Changes that are kept, and fewest that say something.
 _KEPT, _FEWEST = 24, 10
-#: Fewer poses than this say nothing, where a process presses in one of them in each cycle ...
+#: Fewer poses than this say nothing, where a process presses in one of them in each cycle.
 _FEWEST_POSES = 6
-#: ... Looks at a force that goes against the weight, or aside, may be nearer, N; so many are kept.
+#: A force against the weight, or aside, shows in smaller steps: how large, N, and how many.
 _LOOK_N, _LOOKS = 0.7, 24
 #: Bounds of its share along the weight, of its size beside it, and of what one turn leaves.
 _ALONG_SHARE, _AS_LARGE, _TURN_REST = 0.3, 0.7, 0.3
