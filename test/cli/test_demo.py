@@ -65,7 +65,7 @@ def listen(recorded_s, **programs):
 
 def test_a_day_is_as_long_as_the_node_says_and_one_without_end_is_a_sentence():
     listen('11400')
-    with pytest.raises(RecordingError, match='did not record a day within 253 s'):
+    with pytest.raises(RecordingError, match='did not record a day within 317 s'):
         listen('11399')
 
 

@@ -25,7 +25,7 @@ _Process = subprocess.Popen[bytes]
 #: A program that was asked to end is killed after this time, s.
 _END_TIMEOUT_S = 10.0
 #: How many times faster than real time the simulated robot works.
-_SPEED = 450.0
+_SPEED = 360.0
 #: A day is given up that takes this many times as long as it should.
 _PATIENCE = 10.0
 #: The drift of force_z has to become smaller by this factor.
@@ -34,7 +34,7 @@ _RATIO = 10.0
 #: the day is, s. The sensor warms up, rests, works and cools; on day 2 it works otherwise.
 _DAYS = (
     ({0.0: 0.0, 300.0: 0.9, 3600.0: 0.0, 5700.0: 0.5, 8100.0: 1.0, 9600.0: 0.0}, 11400),
-    ({0.0: 0.0, 1200.0: 0.7, 3600.0: 0.2, 5400.0: 1.0, 7200.0: 0.0, 8100.0: 0.6}, 9600),
+    ({0.0: 0.0, 600.0: 0.7, 2400.0: 0.2, 3000.0: 1.0, 4200.0: 0.0, 4800.0: 0.6}, 5400),
 )
 HELP = 'watch the node learn and remove a simulated drift'
 DESCRIPTION = """\
@@ -42,8 +42,8 @@ Start a simulated sensor and the compensator as processes, record a warm-up,
 calibrate, record another day, and judge the model on it: a report says what is
 left of the drift. Exit code 0 when drift of force_z fell at least 10 times."""
 _PLOT = (
-    f'A simulated sensor drifts on two days of three hours, {_SPEED:g} times as fast as a real '
-    'one. The node records day 1, learns the drift, and removes it on day 2. It takes a minute.'
+    f'A simulated sensor drifts on two days, {_SPEED:g} times as fast as a real one. The node '
+    'records day 1, learns the drift, and removes it on day 2. It takes a minute.'
 )
 _NEXT = """\
 The node's model, its recordings and its log: {folder}
@@ -107,7 +107,7 @@ def play(folder: Path) -> None:
         for number, (duty, length_s) in enumerate(_DAYS):
             parameters: dict[str, object] = {
                 'run': number, 'speed': _SPEED, 'start_stamp_s': 86_400.0 * (number + 1),
-                'wrench_rate': 500.0,
+                'wrench_rate': 400.0,
                 'temperature_rate': _SPEED,  # one for every thermal cell of 1 s
                 'duty_cycle.start_s': [*duty], 'duty_cycle.level': [*duty.values()],
             }  # fmt: skip
@@ -119,7 +119,7 @@ def play(folder: Path) -> None:
                     programs = {'compensator': compensator, 'sensor': sensor}
                     with progress_bar(f'recording day {number + 1} of 2') as progress:
                         listen(watch, length_s, programs, progress)
-                watch.ask('stop')
+                print_words([filled(watch.ask('stop'))])
                 if not number:
                     watch.ask('calibrate')
 
