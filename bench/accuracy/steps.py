@@ -17,7 +17,7 @@ from worlds import by_auto, by_nothing, rms_left
 from worlds_drawn import FAMILIES, family
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.fit.segments import segment
+from wrist_ft_comp.fit.outliers_and_steps import segment
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 

@@ -102,7 +102,7 @@ class FakeHub:
     def __init__(self, part, **chosen):
         self.values = {row.name: row.default for row in part.parameters} | chosen
         self.logged, self.sent, self.topics, self.incompatible = [], [], {}, {}
-        self.frame, self.listening, self.publishers = 'tool0', False, 1
+        self.frame, self.listening, self.publishers, self.behind_s = 'tool0', False, 1, 0.0
         #: The node that publishes all.
         self.publisher = '/driver'
         #: What is published on topics, by full name; of others, ``publishers`` are counted.

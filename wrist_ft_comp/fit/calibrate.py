@@ -20,8 +20,8 @@ from wrist_ft_comp.fit.auto_method import identify_auto
 from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data
 from wrist_ft_comp.fit.day_limit import day_limit, largest_drift, late_errors
 from wrist_ft_comp.fit.folds import assign_folds
+from wrist_ft_comp.fit.outliers_and_steps import did_it_move, segment
 from wrist_ft_comp.fit.result import AxisFit, Calibration
-from wrist_ft_comp.fit.segments import did_it_move, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.separation import learn_at_work

@@ -9,8 +9,8 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.outliers_and_steps import false_starts
 from wrist_ft_comp.fit.result import Calibration
-from wrist_ft_comp.fit.segments import false_starts
 from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.recordings.read import hash_recording, read_recording

@@ -23,6 +23,8 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 
 #: A node that did not look for longer, s, was held up itself: nobody knows whether wrenches came.
 _HELD_UP_S = 3.0
+#: Messages that wait for longer in the node, s, during a whole second, are a delay of the force.
+_BEHIND_S = 0.05
 #: A sensor that sent zeros, or nothing usable, for this time, s, may have begun anew.
 _RESET_S = 1.0
 #: Where a counter of nano-, micro- or milliseconds in 32 bits begins anew, ns.
@@ -108,6 +110,8 @@ class WrenchInput(Part):
         self._heard_s: float | None = None
         #: When it was looked last, and since when no wrench has come, s.
         self._looked_s = self._quiet_s = 0.0
+        #: The shortest time that messages have waited since the last report, s.
+        self._behind_s = math.inf
         #: Number and stamp of the wrench that was looked at last, ns.
         self._looked_at, self._stamp_ns = 0, 0
         #: When a wrench was sound last, s, and whether zeros, or no numbers, came since.
@@ -130,6 +134,7 @@ class WrenchInput(Part):
     def poll(self) -> None:
         """Look at the newest wrench, if it is another one than at the last look."""
         newest, number, now_s = self._counts.newest, self._counts.wrenches, time.monotonic()
+        self._behind_s = min(self._behind_s, self.hub.behind_s)
         if now_s - self._looked_s > _HELD_UP_S:
             self._quiet_s = now_s
         self._looked_s = now_s
@@ -255,6 +260,12 @@ class WrenchInput(Part):
     def _doubts(self, topic: str, publishers: Sequence[Any]) -> Iterator[str]:
         """Say what is suspicious about wrenches that do arrive, the worst first."""
         sensor, lately, model = self.sensor, self._growth.lately(), self._compensator.model
+        behind_s, self._behind_s = self._behind_s, math.inf
+        if behind_s > _BEHIND_S:
+            yield (
+                f'wrenches wait {behind_s:.1f} s in this node, and force comes that late: the '
+                'computer is too busy; give it less to do, or send fewer wrenches'
+            )
         for end in publishers:
             name = f'{end.node_namespace.rstrip("/")}/{end.node_name}'
             if self.hub.count_publishers(f'{name}/drift'):

@@ -29,8 +29,8 @@ _TIME_CONSTANTS = 4.0
 _SHORTEST_S = 3600.0
 #: Warming is missing where it is less than this share of cooling, and the other way round.
 _ONE_WAY_SHARE = 0.2
-#: What is warned of where a load moves (fit/segments.py), and where thermometers are exchanged
-#: (stream/exchanged_thermometers.py).
+#: What is warned of where a load moves (fit/outliers_and_steps.py), and where thermometers are
+#: exchanged (stream/exchanged_thermometers.py).
 _MOTION = 'swings around its levels'
 _EXCHANGED = 'read what is expected of each other'
 _CALIBRATE_AGAIN = 'Calibrate again with these recordings among the others.'

@@ -15,7 +15,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift, StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_cells, mean_over
-from wrist_ft_comp.fit.segments import segment
+from wrist_ft_comp.fit.outliers_and_steps import segment
 from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording, Reference
 from wrist_ft_comp.series import FloatArray, rounded

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
+import math
 import time
 import traceback
 from typing import Any, cast, ClassVar, TypeAlias
@@ -132,6 +133,8 @@ class Hub(Node):
         self._requests: dict[str, _Request] = {}
         #: The last refusal of a part, which is logged once.
         self._refusals: dict[Part, str] = {}
+        #: How long the last task waited behind all callbacks, s, and since when another one does.
+        self._waited_s, self._waits_since_s = 0.0, math.inf
 
     def chosen(self) -> dict[str, Any]:
         """Read the present values of the parameters, by name; arrays are tuples."""
@@ -240,8 +243,19 @@ class Hub(Node):
         except Exception as second:  # it has stopped already
             self.log.write(ERROR, f'{part.title} could not be ended either: {second!r}')
 
+    @property
+    def behind_s(self) -> float:
+        """How long a message waits for its callback, s: where it grows, the node is too slow."""
+        return max(self._waited_s, time.monotonic() - self._waits_since_s)
+
+    def _have_turn(self) -> None:
+        self._waited_s, self._waits_since_s = time.monotonic() - self._waits_since_s, math.inf
+
     def housekeep(self) -> None:
         """Poll parts, and go on with the work of requests."""
+        if self.executor is not None and self._waits_since_s == math.inf:
+            self._waits_since_s = time.monotonic()
+            self.executor.create_task(self._have_turn)
         self.broadcast('poll')
         for request in tuple(self._requests.values()):
             self._go_on(request)

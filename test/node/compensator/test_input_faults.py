@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import threading
 from types import SimpleNamespace
 
 from geometry_msgs.msg import WrenchStamped
@@ -110,6 +111,24 @@ LOOKED_AT = {
     'nameless': (noisy(40), STAMPS, '', WARN, 'frame_id was tool0 and is empty now'),
     'a chain': (noisy(40), STAMPS, 'tool0', WARN, 'comes from another compensator, /a/wrist'),
 }  # fmt: skip
+
+
+def test_a_force_that_comes_late_because_the_node_is_too_slow_is_said(wired, monkeypatch):
+    node = wired(executor='events')
+    correct, ended = node.node.compensator.correct, threading.Event()
+
+    def correct_late(stamp, raw):
+        if not ended.wait(0.02):
+            node.put(stamp + SECOND, raw)  # for each that was corrected another one has come
+        return correct(stamp, raw)
+
+    monkeypatch.setattr(node.node.compensator, 'correct', correct_late)
+    for k in range(20):
+        node.put(START + k, RAW)
+    late = node.diagnosis('input', lambda status: 'wrenches wait 0.' in status.message)
+    assert late.level == WARN
+    ended.set()
+    node.diagnosis('input', lambda status: 'wrenches wait' not in status.message)
 
 
 class Watched:

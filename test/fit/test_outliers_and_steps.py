@@ -8,7 +8,7 @@ import pytest
 
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.segments import segment
+from wrist_ft_comp.fit.outliers_and_steps import segment
 from wrist_ft_comp.report.evaluation import evaluate
 
 CELLS = 3600
