@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.learning.day_at_work import look_at
+from wrist_ft_comp.learning.incidents import look_at
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import NANOSECONDS
 

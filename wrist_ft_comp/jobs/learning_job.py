@@ -11,9 +11,9 @@ from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import save
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
 from wrist_ft_comp.learning import model_choice as choices
-from wrist_ft_comp.learning.day_at_work import Day, look_at
 from wrist_ft_comp.learning.day_files import day_number, goes_on, LARGEST_BYTES, size_of
 from wrist_ft_comp.learning.diary import Diary, load_diary, save_diary
+from wrist_ft_comp.learning.incidents import Day, look_at
 from wrist_ft_comp.learning.learning_plan import MOST_DAYS, pause, prune
 from wrist_ft_comp.learning.model_choice import Champion
 from wrist_ft_comp.recordings.read import hash_recording, read_recording

@@ -1,1 +1,1 @@
-"""A model that learns day by day; read ``model_choice`` first, then ``day_at_work``."""
+"""A model that learns day by day; read ``model_choice`` first, then ``incidents``."""

@@ -1,7 +1,7 @@
 """
 Which days are learnt from: those without an incident, the worthiest; and those deleted.
 
-What changes the sensor (``day_at_work``) stops learning until three more days have had no
+What changes the sensor (``incidents``) stops learning until three more days have had no
 incident, or a person decides. No day is forgotten.
 """
 
@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from wrist_ft_comp.learning.day_at_work import DAYS_TO_AGREE
 from wrist_ft_comp.learning.day_files import days, size_of
 from wrist_ft_comp.learning.diary import DayEntry, Diary, LEARNT_FROM, NONE, PAUSING
+from wrist_ft_comp.learning.incidents import DAYS_TO_AGREE
 from wrist_ft_comp.stored.safe_file import writing
 
 #: Fewest days that a model is learnt from.

@@ -21,8 +21,8 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.day_at_work import Day, describe, incident, left
 from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, LEARNT_FROM, NONE
+from wrist_ft_comp.learning.incidents import Day, describe, incident, left
 from wrist_ft_comp.learning.learning_plan import (
     ANOTHER_DAY,
     FEWEST_DAYS,

@@ -4,8 +4,8 @@ import re
 import numpy as np
 import pytest
 
-from wrist_ft_comp.learning.day_at_work import describe, incident
 from wrist_ft_comp.learning.diary import DayEntry
+from wrist_ft_comp.learning.incidents import describe, incident
 from wrist_ft_comp.learning.learning_plan import pause
 
 TOOL = {'mass_kg': 2.5, 'center_m': (0.02, 0.0, 0.2)}
