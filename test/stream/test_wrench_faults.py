@@ -78,17 +78,17 @@ def test_pulses_of_the_same_reading_are_found_by_their_share(whole, looks, share
     [
         (20.0, 0.0, 0.0, 0.1, 1), (0.8, 0.0, 0.0, 0.05, 1), (0.2, 0.0, 0.0, 0.1, 0),
         (20.0, 3.0, 0.0, 0.1, 0), (20.0, 0.0, 1.0, 0.1, 0), (20.0, 0.0, 0.0, 0.0, 0),
-        (20.0, 0.0, 0.0, 0.8, 1),
+        (20.0, 0.0, 0.0, 0.8, 1), (20.0, 0.0, 6.0, 0.1, 0),
     ],
     ids=['zeroed', 'by less than 1 N', 'a load is let go', 'another load', 'in motion',
-         'zeros of a broken sensor', 'of a noisy sensor'],
+         'zeros of a broken sensor', 'of a noisy sensor', 'swings'],
 )  # fmt: skip
 def test_a_sensor_that_is_zeroed_by_its_driver_is_found_once(free_n, now_n, moves, noise, found):
-    rng, scale = np.random.default_rng(0), np.array([1.0] * 3 + [0.1] * 3)
+    rng, scale = np.random.default_rng(1), np.array([1.0] * 3 + [0.1] * 3)
     readings = np.zeros((80, 6))
     readings[:40] = [20.0, -5.0, 3.0, 0.5, 0.1, 0.2]
     readings[40:, 1] = now_n
-    readings[:, 0] += moves * np.sin(np.arange(80) / 3)
+    readings[40:, 0] += moves * np.sin(np.arange(40) / 2)
     readings += noise * scale * rng.normal(size=(80, 6))
     watch, times = SensorWatch(), 0
     for reading in readings:

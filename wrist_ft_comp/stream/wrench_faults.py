@@ -127,9 +127,11 @@ class SensorWatch:
         off = np.where(np.isnan(deviation), axis_limits(_UNKNOWN_N), off)
         parts = np.array(self._lately).reshape(2, _RUN_LOOKS, len(AXES))
         (before, now), scatter = parts.mean(axis=1), parts.std(axis=1)
-        # The noise of some sensors is larger than what others scatter in motion.
-        noise = np.median(np.abs(np.diff(parts, axis=1)), axis=1)  # as large as its deviation
-        off = np.maximum(off, _CERTAIN * noise.max(axis=0) / math.sqrt(_RUN_LOOKS))
+        # The noise of some sensors is larger than what others scatter in motion. It bends from
+        # look to look, which a swing hardly does.
+        bends = np.median(np.abs(np.diff(parts, 2, axis=1)), axis=1).max(axis=0)
+        noise = bends / math.sqrt(3)  # as large as its deviation
+        off = np.maximum(off, _CERTAIN * noise / math.sqrt(_RUN_LOOKS))
         rests = scatter < np.maximum(axis_limits(_REST_N), 2 * noise)
         # Zeros to the last bit are those of a broken sensor.
         at_rest = rests.all() and scatter[1].any()
