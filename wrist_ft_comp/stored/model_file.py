@@ -124,8 +124,7 @@ def load_model(path: Path | str) -> StoredModel:
     """Read a model file; ModelFileError when it is missing, of another version, or damaged."""
     path = Path(path)
     content = KIND.read(path)
-    document = KIND.document(path, content)
-    return restore_model(path, hashlib.sha256(content).hexdigest(), document)
+    return restore_model(path, hashlib.sha256(content).hexdigest(), KIND.document(path, content))
 
 
 def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:

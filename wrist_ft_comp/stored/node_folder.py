@@ -162,10 +162,9 @@ class NodeFolder:
 
     def given(self) -> str:
         """Read the SHA-256 of the model given at the last start; empty where none is known."""
-        try:
+        with suppress(ModelFileError):
             return self._read().given
-        except ModelFileError:
-            return ''
+        return ''
 
     def _read(self) -> _List:
         return _LIST.load(_List, self.directory / 'active.json') or _List()

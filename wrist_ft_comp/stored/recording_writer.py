@@ -49,8 +49,7 @@ class CsvRecordingWriter:
 
     def append(self, stamp_ns: int, values: Sequence[float]) -> None:
         """Write a row, ns and a value per channel, to the operating system; NaN is no sample."""
-        filled = *values, *[nan] * (self._width - len(values))
-        self._write(self._cells(stamp_ns, filled))
+        self._write(self._cells(stamp_ns, [*values, *[nan] * (self._width - len(values))]))
 
     def _cells(self, stamp_ns: int, values: Sequence[float]) -> tuple[object, ...]:
         return (int(stamp_ns), *('' if isnan(value) else float(value) for value in values))
@@ -63,13 +62,9 @@ class CsvRecordingWriter:
 
     def close(self) -> None:
         """Sync and close; a second call does nothing."""
-        if self._file.closed:
-            return
-        try:
-            self.sync()
-        finally:
-            with writing(self._path):
-                self._file.close()
+        if not self._file.closed:
+            with writing(self._path), self._file:
+                self.sync()
 
     def _write(self, row: Sequence[object]) -> None:
         """Write a row through to the operating system."""

@@ -7,7 +7,7 @@ What stands in it are records, by ``to_plain`` and ``from_plain``.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, ExitStack, suppress
 from dataclasses import dataclass, fields, is_dataclass
 import fcntl
 from functools import cache, partial
@@ -164,16 +164,13 @@ class FileWriter:
 @contextmanager
 def exclusive(folder: Path) -> Iterator[None]:
     """Let one process at a time change the files of a folder; a kill releases the lock."""
-    handle = None
-    with suppress(OSError):  # writing says why nothing can be written; some disks know no locks
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
-        fcntl.flock(handle, fcntl.LOCK_EX)
-    try:
+    with ExitStack() as stack:
+        with suppress(OSError):  # writing says why nothing can be written; some disks don't lock
+            folder.mkdir(parents=True, exist_ok=True)
+            handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+            stack.callback(os.close, handle)
+            fcntl.flock(handle, fcntl.LOCK_EX)
         yield
-    finally:
-        if handle is not None:
-            os.close(handle)
 
 
 def beginning(path: Path) -> str:
