@@ -69,7 +69,6 @@ class DayEntry:
     verdict: str = ''
     #: What happened to the sensor, with size and time; empty when nothing did.
     incident: str = ''
-    #: Kind of that incident.
     kind: IncidentKind = ''
     #: Whether a model was learnt.
     challenged: bool = False
@@ -123,13 +122,8 @@ def load_diary(directory: Path) -> Diary:
 
 
 def save_diary(directory: Path, diary: Diary) -> None:
-    """
-    Write a diary in one step.
-
-    One that cannot be read, such as that of a later version, is kept beside it, once.
-    """
-    content = {'days': to_plain(diary.days), 'paused': diary.paused}
-    KIND.save(diary_path(directory), content)
+    """Write a diary in one step; one that cannot be read is kept beside it, once."""
+    KIND.save(diary_path(directory), {'days': to_plain(diary.days), 'paused': diary.paused})
 
 
 def survey(directory: Path) -> Diary:

@@ -1,8 +1,6 @@
 """
 After a day: judge the live model and the sensor on it, and choose a new model where one is due.
 
-New models are learnt often at first, then ever more rarely.
-
 The model that is learnt from all good days is taken unless it leaves clearly more of the days that
 the live one was not learnt from. Of its own days, what counts is the error of a fit to the others.
 """
@@ -58,7 +56,6 @@ class Champion:
 class Choice:
     """What was found out after a day."""
 
-    #: The day's entry of the diary.
     entry: DayEntry
     #: A better model, if there is one.
     better: Calibration | None = None
@@ -84,8 +81,7 @@ def describe_day(
                 simulated = streamed_drift(champion.model, day.drift, day.before)
                 drift = simulated.zero
                 distrusted = list(thermometer_doubts(champion.model, day.drift))
-                by_live = left(simulated, day)
-                entry = replace(entry, left={**entry.left, champion.key: by_live})
+                entry = replace(entry, left={**entry.left, champion.key: left(simulated, day)})
         kind, sentence = incident(day, entry, before, drift)
         if distrusted and not kind:
             kind, sentence = 'thermometer', f'On this day {"; ".join(distrusted)}.'
