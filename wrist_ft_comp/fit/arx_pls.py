@@ -170,7 +170,6 @@ def stabilise(arx: Arx) -> tuple[Arx, bool]:
     if not len(poles) or radius.max() <= MAX_POLE_RADIUS:
         return arx, False
     inside = poles / radius * np.minimum(np.minimum(radius, 1 / radius), MAX_POLE_RADIUS)
-    a = np.real(np.poly(inside))[1:]
     # Mirrored at the circle, 1/|z - p| keeps its shape and grows by |p|.
     b = arx.b / np.prod(np.maximum(radius, 1.0))
-    return Arx(a=a, b=b, first_lag=arx.first_lag), True
+    return Arx(a=np.real(np.poly(inside))[1:], b=b, first_lag=arx.first_lag), True

@@ -228,8 +228,7 @@ def bin_axis_data(data: AxisData, cells: int) -> BinnedData:
         starts = np.arange(0, len(values), cells)
         products = values[:, :, np.newaxis] * values[:, np.newaxis]
         moments.append(np.add.reduceat(products, starts))
-        temperature_sums = np.add.reduceat(data.temperature_c[i], starts, axis=0)
-        means_c.append(temperature_sums / np.diff(starts, append=len(values))[:, np.newaxis])
+        means_c.append(mean_over(data.temperature_c[i], cells))
         middle = starts + (cells - 1) / 2
         segments.append(first_segment + np.searchsorted(sorted(data.steps[i]), middle, 'right'))
         first_segment += len(data.steps[i]) + 1

@@ -1,6 +1,6 @@
 """Whether recordings can be calibrated from: refusals with numbers and a remedy."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 import math
@@ -35,11 +35,7 @@ MOST_LEFT_OUT = 0.05
 def check_recordings(
     recordings: Sequence[Recording], reference: Reference, min_span_k: float
 ) -> FloatArray:
-    """
-    Refuse recordings that nothing can be learnt from together.
-
-    The result is the range of each thermometer, °C, shape (J, 2).
-    """
+    """Refuse recordings of which nothing can be learnt; give ranges of temperature, °C, (J, 2)."""
     if not recordings:
         raise CalibrationRefusedError('A calibration needs at least one recording; got none.')
     first = recordings[0]
@@ -238,10 +234,9 @@ def _unknown(
     )
 
 
-def runs_of(marked: BoolArray) -> Iterator[tuple[int, int]]:
-    """Yield begin and end of every run of marked values, (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(int)))
-    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+def runs_of(marked: BoolArray) -> list[list[int]]:
+    """List begin and end of every run of marked values, (n,)."""
+    return np.flatnonzero(np.diff(np.pad(marked, 1).astype(int))).reshape(-1, 2).tolist()
 
 
 def silent_stretches(recordings: Sequence[Recording]) -> list[str]:

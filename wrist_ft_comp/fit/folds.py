@@ -105,8 +105,7 @@ def mean_over(values: FloatArray, cells: int) -> FloatArray:
 
 def hold_out(data: AxisData, cells: Sequence[FloatArray], errors: Sequence[FloatArray]) -> HeldOut:
     """Put mean numbers of cells, (n,), and errors, (n, C), of all folds together, in order."""
-    bins = list(map(len, cells))
-    recording, fold = np.repeat(data.folds_by_recording, bins, axis=0).T
+    recording, fold = np.repeat(data.folds_by_recording, [*map(len, cells)], axis=0).T
     return HeldOut(
         recording, fold, np.concatenate(cells), np.concatenate(errors), data.bin_s, data.tared
     )

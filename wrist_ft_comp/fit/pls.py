@@ -125,8 +125,7 @@ def observe_drift(data: AxisData) -> list[FloatArray]:
         shown = (count > 2) & (np.sqrt(power / count) >= _LOADED_SHARE * deviation)
         slopes = np.bincount(window, w * residual[at]) / np.where(shown, power, 1.0)
         slope, rows = slopes[window], shown[window]
-        both = np.stack((residual[at] - slope * load[at], slope), axis=1)
-        observed[at[rows]] = both[rows]
+        observed[at[rows]] = np.stack((residual[at] - slope * load[at], slope), axis=1)[rows]
         drifts.append(observed)
     return drifts
 

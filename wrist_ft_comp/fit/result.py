@@ -63,8 +63,7 @@ class HeldOut:
 
     def averaged(self, weights: FloatArray) -> 'HeldOut':
         """Add the errors of an average of candidates, weights (C,)."""
-        errors = np.column_stack((self.errors, self.errors @ weights))
-        return replace(self, errors=errors)
+        return replace(self, errors=np.column_stack((self.errors, self.errors @ weights)))
 
     def squares(self) -> FloatArray:
         """Mean squares fold by fold, in increasing order of the fold's number, (folds, C)."""

@@ -1,5 +1,6 @@
 """What a person may choose for a calibration, checked once where it is chosen."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import get_args, Literal
 
@@ -9,6 +10,11 @@ from wrist_ft_comp.recording import Reference
 
 Method = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls', 'arx_pls_oe', 'auto']
 METHODS: tuple[Method, ...] = get_args(Method)
+
+
+def _check_choice(name: str, choice: str, choices: Sequence[str]) -> None:
+    if choice not in choices:
+        raise SettingsError(f'Unknown {name} {choice!r}; expected one of {", ".join(choices)}.')
 
 
 @dataclass(frozen=True)
@@ -49,7 +55,6 @@ STATIC = Orders(direct=True)
 class IdentificationSettings:
     """What a person chose about the model's structure."""
 
-    #: One of METHODS.
     method: Method = 'auto'
     features: FeatureKind = 'powers'
     #: Highest power of temperature, 1 to 4; auto and arx_pls_oe also try the lower ones. None
@@ -61,12 +66,8 @@ class IdentificationSettings:
     orders: tuple[Orders, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise SettingsError(
-                f'Unknown method {self.method!r}; expected one of {", ".join(METHODS)}.'
-            )
-        if self.features not in get_args(FeatureKind):
-            raise SettingsError(f'Unknown features {self.features!r}; expected powers or hats.')
+        _check_choice('method', self.method, METHODS)
+        _check_choice('features', self.features, get_args(FeatureKind))
         if self.degree not in {None, 1, 2, 3, 4}:
             raise SettingsError(f'The degree must be between 1 and 4; got {self.degree}.')
         if self.latents is not None:
@@ -92,13 +93,8 @@ class CalibrationSettings:
     reference: Reference = 'unloaded'
     #: Refuse when no thermometer spans at least this much, K.
     min_temperature_span_k: float = 3.0
-    #: Method and structure.
     identification: IdentificationSettings = field(default_factory=IdentificationSettings)
 
     def __post_init__(self) -> None:
-        if self.reference not in get_args(Reference):
-            raise SettingsError(
-                f'Unknown reference {self.reference!r}; expected one of '
-                f'{", ".join(get_args(Reference))}.'
-            )
+        _check_choice('reference', self.reference, get_args(Reference))
         check_range('min_temperature_span_k', self.min_temperature_span_k, 0.0)

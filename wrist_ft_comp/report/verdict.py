@@ -138,8 +138,7 @@ def conditions_of_another_day(calibration: Calibration) -> str:
     """Say under which conditions the limits of another day hold; nothing of a chamber test."""
     if all(np.isnan(fit.largest_drift) for fit in calibration.fits.values()):
         return ''
-    ranges = calibration.temperature_range_c.tolist()
-    low_c, high_c = max(ranges, key=lambda ends: ends[1] - ends[0])
+    low_c, high_c = max(calibration.temperature_range_c.tolist(), key=np.ptp)
     return (
         f'limit: largest error on 9 of 10 other days, tared, between {low_c:.0f} and '
         f'{high_c:.0f} °C, in means over {averaged_s(calibration.model):g} s.'
