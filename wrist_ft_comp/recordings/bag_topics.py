@@ -147,8 +147,7 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     def distance(candidate: Candidate) -> tuple[bool, int, bool, list[int]]:
         numbers = [-int(n) for n in re.findall(r'\d+', candidate.entry.partition(':')[2])]
         far, near = FAR.search(candidate.entry), _NEAR.search(candidate.entry)
-        common = len(names(candidate.entry) & ours)
-        return far is not None, -common, near is None, numbers or [1]
+        return far is not None, -len(names(candidate.entry) & ours), near is None, numbers or [1]
 
     def may_be_ours(candidate: Candidate) -> bool:
         words = names(candidate.entry)

@@ -424,11 +424,9 @@ def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
 
     def rank(looks: _Looks) -> tuple[bool, bool, bool, int, int]:
         is_treated, words = TREATED.search(looks.plain) is not None, looks.words
-        is_plain = _READING.isdisjoint(words)
-        return is_treated, 'raw' not in words, is_plain, len(words), looks.place
+        return is_treated, 'raw' not in words, _READING.isdisjoint(words), len(words), looks.place
 
-    cold = [looks for looks in free if looks not in hot and not looks.is_no_reading]
-    cold.sort(key=rank)
+    cold = sorted((k for k in free if k not in hot and not k.is_no_reading), key=rank)
     for looks in cold:
         channel = axes.get(looks) or looks.channel()
         if channel in absent and looks.may_be(channel):

@@ -57,8 +57,7 @@ def _read(
     """Read the messages of some topics, from the beginning."""
     reader = _reader(chosen, compression)
     try:
-        names = [topic.topic for topic in wanted]
-        reader.set_filter(rosbag2_py.StorageFilter(topics=names))
+        reader.set_filter(rosbag2_py.StorageFilter(topics=[topic.topic for topic in wanted]))
         has_next, read_next = reader.has_next, reader.read_next
         while has_next():
             name, data, time_ns = read_next()
@@ -87,9 +86,8 @@ def write_bag(folder: Path, storage: str) -> Iterator[BagWriter]:
 
 def _add_topic(writer: Any, like: Connection, topic: str, kind: str) -> str:
     """Add a topic with the quality of service of another, and with its hash if of its type."""
-    native = like.native
     kept = 'serialization_format', 'offered_qos_profiles', 'type_description_hash'
-    same = {name: getattr(native, name) for name in kept}
+    same = {name: getattr(like.native, name) for name in kept}
     if kind != like.msgtype:
         same['type_description_hash'] = ''
     writer.create_topic(rosbag2_py.TopicMetadata(id=0, name=topic, type=kind, **same))

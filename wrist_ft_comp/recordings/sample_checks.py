@@ -55,9 +55,7 @@ class CellSums(NamedTuple):
         size, inside = last - first + 1, (self.cells >= first) & (self.cells <= last)
         at = self.cells[inside] - first
         sums, counts = (np.bincount(at, part[inside], size) for part in self[1:])
-        means: FloatArray = np.full(size, np.nan)
-        np.divide(sums, counts, out=means, where=counts > 0)
-        return means
+        return np.asarray(sums / np.where(counts > 0, counts, np.nan))
 
 
 @dataclass(eq=False)

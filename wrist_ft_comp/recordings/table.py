@@ -95,8 +95,7 @@ class Table:
             return
         size = max(self.path.stat().st_size, 1)
         with self.path.open('rb') as raw:
-            magic = raw.read(8)
-            raw.seek(0)
+            magic = raw.peek(8)
             opened = [module.open(raw) for sign, module in _PACKED if magic.startswith(sign)]
             packed: Any = opened[0] if opened else raw
             file = TextIOWrapper(packed, _encoding_of(packed.read(_START)), errors='replace')
@@ -333,8 +332,7 @@ class _RowConverter:
 
         stamps = cells_of(self._stamp)
         if date := self._columns.get(column_map.STAMP_DATE):
-            pairs = zip(cells_of(date), stamps, strict=True)
-            stamps = [f'{day} {time}' for day, time in pairs]
+            stamps = [f'{day} {time}' for day, time in zip(cells_of(date), stamps, strict=True)]
         if not self._form and isinstance(stamps, list):
             self._form = table_format.find_form(stamps, month_first=self._header.delimiter == ',')
         form = self._form = self._form or 's'

@@ -198,8 +198,7 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
         labels = {k: cell.partition('=')[0] for k, cell in enumerate(cells) if '=' in cell}
         told |= labels if len(labels) > 1 else {}
     if words := '|'.join({*map(re.escape, in_cells)} - {''}):
-        behind = rf'(?<=\d) ?(?:{words})(?=["{delimiter}\s])'
-        replaced.append((re.compile(behind), ''))
+        replaced.append((re.compile(rf'(?<=\d) ?(?:{words})(?=["{delimiter}\s])'), ''))
     numbers = [str(columns_before + k + 1) for k in range(width)]
     names = [*names, *[''] * (width - len(names))] if names else numbers
     decimal, thousands = _find_decimals([cell for row in last for cell in row])
