@@ -65,8 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         topics, report=arguments.report)  # fmt: skip
     with progress_bar('calibrating') as progress:
         calibration, content = run_job(job, progress)
-    words = content_words(content)
-    words += ['', f'saved as {content.stored.path}']
+    words = [*content_words(content), '', f'saved as {content.stored.path}']
     if job.report:
         REPORT.write(job.report, page(content))
         words.append(f'report: {job.report}')

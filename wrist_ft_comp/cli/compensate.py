@@ -42,8 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='tare on the first SECONDS, which must be unloaded (default: 0, no '
         'tare)')  # fmt: skip
     options.add_json(parser)
-    group = options.add_topics(parser)
-    group.add_argument(
+    options.add_topics(parser).add_argument(
         '--output-topic', type=options.topic, default='/wrench', metavar='TOPIC',
         help='of compensated wrenches (default: %(default)s)')  # fmt: skip
 

@@ -97,8 +97,7 @@ def status_page(watch: 'Watch') -> Iterator[str | Table]:
     yield ''
     if watch.silent:
         yield 'ERROR   Nothing was heard of it for ten seconds: it has ended, or hangs.'
-    ordered = sorted(watch.statuses.values(), key=lambda status: status.level, reverse=True)
-    for status in ordered:
+    for status in sorted(watch.statuses.values(), key=lambda one: one.level, reverse=True):
         head = f'{_LEVELS[status.level]:8}{status.name:13}'
         message = re.sub(r'(?<!\S)~/(\w+)', r'wrist_ft_comp node \1', status.message)
         yield from terminal.filled(' '.join(message.split()) or '-', head).splitlines()

@@ -150,14 +150,13 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
         low, high = thermometer['range_c']
         name = names[j] if j < len(names) else ''
         yield f'thermometer {j + 1}: calibrated from {low:.1f} to {high:.1f} °C{name}'
-    header = ['axis', 'unit', 'before', 'left', 'removes drift of', 'chosen']
     rows = [
         [axis, axis_unit(axis), rounded(entry['rms_before'], 4), rounded(entry['rms_after'], 4),
          drifts_removed(stored.model.axes.get(axis)), entry['chosen']]
         for axis, entry in axes.items()
     ]  # fmt: skip
     yield ''
-    yield table(header, rows)
+    yield table(['axis', 'unit', 'before', 'left', 'removes drift of', 'chosen'], rows)
     yield from (f'warning: {warning}' for warning in document['warnings'])
 
 
@@ -167,7 +166,6 @@ def _recording_lines(
     """Describe what a recording holds, and what it is good for."""
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
-    header = ['channel', 'type or unit', 'samples', 'per second', 'used as']
     rows = [
         [channel.name, ', '.join(filter(None, [channel.kind, _range(channel.reads)])),
          str(channel.samples),
@@ -179,7 +177,7 @@ def _recording_lines(
         yield f'{summary.name}: {summary.kind}'
     else:
         yield f'{summary.name}: {summary.kind}, {span}'
-        yield table(header, rows)
+        yield table(['channel', 'type or unit', 'samples', 'per second', 'used as'], rows)
     yield from _candidate_lines(summary.candidates)
     if (directions := summary.gravity_directions) is not None:
         source = f' of {summary.topics.imu}' if summary.topics.imu else ''

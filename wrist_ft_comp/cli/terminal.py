@@ -90,7 +90,7 @@ def filled(sentence: str, begin: str = '') -> str:
 def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     """Lay texts out: words to the left, numbers to the right."""
     drawn = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style='bold')
-    columns = [list(cells) for cells in zip(titles, *rows, strict=True)]
+    columns = list(zip(titles, *rows, strict=True))
     names = any('/' in cell for row in rows for cell in row)  # which people copy
     for cells in columns:
         words = any(re.match(r'[^-–\d]', cell) for cell in cells[1:])
@@ -99,7 +99,7 @@ def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
             overflow='ignore' if names else 'fold')  # fmt: skip
     if sum(max(map(len, cells)) + 2 for cells in columns) - 2 > WIDTH:
         drawn.padding = (0, 1, 0, 0)
-    for row in list(zip(*columns, strict=True))[1:]:
+    for row in rows:
         drawn.add_row(*(Text(cell, _STYLES.get(cell, '')) for cell in row))
     return drawn
 

@@ -51,16 +51,6 @@ class HeldOut:
     #: Whether they are counted from the fold's first minute.
     tared: bool
 
-    @property
-    def before(self) -> FloatArray:
-        """Errors without compensation, (n,)."""
-        return self.errors[:, 0]
-
-    @property
-    def after(self) -> FloatArray:
-        """Errors of what runs, (n,)."""
-        return self.errors[:, -1]
-
     def averaged(self, weights: FloatArray) -> 'HeldOut':
         """Add the errors of an average of candidates, weights (C,)."""
         return replace(self, errors=np.column_stack((self.errors, self.errors @ weights)))

@@ -87,7 +87,6 @@ class ReportContent:
     stored: StoredModel
     #: Which the errors are of, with the same thermometers.
     recordings: Sequence[Recording]
-    #: Temperatures and loads of these.
     coverage: advices.Coverage
     #: How the errors came about.
     explanation: str
@@ -264,7 +263,7 @@ def _series(recordings: Sequence[Recording], held_out: HeldOut) -> ErrorSeries:
     origins_s = np.array([elapsed_s(recording, 0) for recording in recordings])
     return ErrorSeries(
         hours=starts_h(recordings)[number] + since_s / 3600, elapsed_s=origins_s[number] + since_s,
-        before=held_out.before, after=held_out.after,
+        before=held_out.errors[:, 0], after=held_out.errors[:, -1],
         part=number * (held_out.fold.max() + 1) + held_out.fold)  # fmt: skip
 
 
