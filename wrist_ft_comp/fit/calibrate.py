@@ -46,7 +46,6 @@ def calibrate(
     settings = settings or CalibrationSettings()
     progress = progress or (lambda _: None)
     reference = settings.reference
-    # Check.
     axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
     duration_s = sum(recording.duration_s for recording in recordings)
     ranges_c = checks.check_recordings(recordings, reference, settings.min_temperature_span_k)

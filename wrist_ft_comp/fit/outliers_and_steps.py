@@ -110,16 +110,13 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         raw = recording.wrench[at, column]
         level = scipy.ndimage.median_filter(raw, width, mode='nearest')
         distance = np.abs(raw - level)
-        limit = max(
-            SMALLEST_SIGMA * noise_level([raw]),
-            _OUTLYING_SHARE * float(np.ptp(level)),
-            ROUNDING * float(np.abs(raw).max()),
-        )
+        above_noise = SMALLEST_SIGMA * noise_level([raw])
+        limit = max(above_noise, _OUTLYING_SHARE * np.ptp(level), ROUNDING * np.abs(raw).max())
         outlying = distance > limit
         # A sample of a slow log may stand between two that agree, however wide the range is.
         moving = MOVING[axis_unit(axis)]
         alone = np.abs(raw[1:-1] - (raw[:-2] + raw[2:]) / 2)
-        is_lone = alone > max(SMALLEST_SIGMA * noise_level([raw]), moving)
+        is_lone = alone > max(above_noise, moving)
         outlying[1:-1] |= is_lone & (np.abs(raw[2:] - raw[:-2]) < alone / 2)
         scatter = float(np.sqrt(np.mean(distance[~outlying] ** 2)))
         if scatter > moving:

@@ -27,7 +27,7 @@ from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
 from wrist_ft_comp.fit.day_limit import state_fit
 from wrist_ft_comp.fit.folds import fold_means, hold_out, simplest_good, unexplained
-from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr
+from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr, stack
 from wrist_ft_comp.fit.result import AxisFit
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
 from wrist_ft_comp.series import FloatArray, ROUNDING
@@ -233,14 +233,9 @@ def anchor(data: AxisData, model: AxisModel) -> AxisModel:
     model = model.anchored([0.0] * model.outputs)
     if data.load is None or model.outputs == 1:
         return model
-    above, below, whole = 0.0, 0.0, 0.0
-    for i, load in enumerate(data.load):
-        values = unexplained(data, model, i)
-        rows = np.isfinite(values) & np.isfinite(load)
-        if rows.any():
-            w = load[rows] - load[rows].mean()
-            above += float(w @ values[rows])
-            below += float(w @ w)
-            whole += float(load[rows] @ load[rows])
+    left = [unexplained(data, model, i) for i in range(len(data.load))]
+    both = [np.stack(pair, axis=1) for pair in zip(data.load, left, strict=True)]
+    w, error = stack(both, both).T
     # A load that is constant within each recording leaves the gain error at T_ref open.
-    return model.anchored([0.0, above / below if below > ROUNDING * whole else 0.0])
+    is_open = w @ w <= ROUNDING * sum(np.nansum(load**2) for load in data.load)
+    return model.anchored([0.0, 0.0 if is_open else float(w @ error / (w @ w))])

@@ -57,7 +57,6 @@ class Choice:
     """What was found out after a day."""
 
     entry: DayEntry
-    #: A better model, if there is one.
     better: Calibration | None = None
     #: Names of the days that it was learnt from.
     days: tuple[str, ...] = ()

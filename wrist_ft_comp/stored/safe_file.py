@@ -71,8 +71,7 @@ def replace_file(target: Path, content: str | bytes) -> None:
             finally:
                 os.close(folder)
     except BaseException:
-        with suppress(FileNotFoundError):
-            neighbour.unlink()
+        neighbour.unlink(missing_ok=True)
         raise
 
 
