@@ -54,8 +54,7 @@ class Operator:
 
     def running(self) -> list[str]:
         """List the full names of the compensators that run."""
-        names = self.services()
-        return [name.removesuffix(_KNOWN_BY) for name in names if name.endswith(_KNOWN_BY)]
+        return [n.removesuffix(_KNOWN_BY) for n in self.services() if n.endswith(_KNOWN_BY)]
 
     def find(self, wanted: str = '') -> str:
         """Find a compensator by its full name or its namespace, or the only one; or NodeError."""

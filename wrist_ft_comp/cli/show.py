@@ -96,10 +96,8 @@ def run(arguments: argparse.Namespace) -> int:
             said = tuple(doubt for doubt in dict.fromkeys(doubts) if doubt not in refusal)
             described = replace(described, warnings=said)
         words = recording_summary.commands(described, path)
-        document = {
-            **vars(described), 'candidates': [vars(c) for c in described.candidates],
-            'commands': words if described.is_open or not refusal else [], 'refusal': refusal,
-        }  # fmt: skip
+        usable = words if described.is_open or not refusal else []
+        document = {**vars(described), 'commands': usable, 'refusal': refusal}
         lines = [*_recording_lines(described, words, refusal)]
         if arguments.picture and recording:
             figure = pictures.recording_figure(recording)

@@ -63,7 +63,6 @@ class CalibrationJob:
     settings: CalibrationSettings = field(default_factory=CalibrationSettings)
     #: Thermal period h, s.
     period_s: float = 1.0
-    #: Topic names in bags.
     topics: Topics = field(default_factory=Topics)
     #: Leave out, with a warning, recordings that cannot be read, have other thermometers than
     #: topics names, or lack the reference; as long as one is left.

@@ -57,7 +57,6 @@ class _Tally:
     #: Of messages of another type: where the temperatures are.
     paths: list[Path] = field(default_factory=list)
     reader: NumberReader | None = None
-    #: Whether a message had a stamp.
     stamped: bool = False
     #: Of each temperature, in the order of the paths.
     low: FloatArray = field(default_factory=lambda: np.array([np.nan]))

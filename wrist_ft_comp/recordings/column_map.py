@@ -53,7 +53,6 @@ class Column:
     unit: str = ''
     #: What its numbers are multiplied with; None where nothing was said.
     factor: float | None = None
-    #: Its place in the rows.
     place: int = -1
 
     def entry(self, columns_before: int) -> str:

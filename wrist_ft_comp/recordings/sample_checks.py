@@ -239,11 +239,7 @@ def grid_samples(
 def _judge_channels(
     found: dict[str, CellSums], name: str, period_s: float, ends: tuple[int, int], remedy: str
 ) -> Iterator[str]:
-    """
-    Drop dead axes beside ones that live, and doubt a thermometer that came late.
-
-    RecordingError where stamps are no times of one recording.
-    """
+    """Drop axes that are dead beside others, refuse broken stamps, and doubt what came late."""
     first, last = ends
     axes = [axis for axis in AXES if axis in found]
     dead = [axis for axis in axes if not found[axis].sums.any()]

@@ -100,11 +100,10 @@ def draw_work(
         both_kg = settings.tool_kg + settings.part_kg
         center_m = (settings.tool_kg * tool_m + settings.part_kg * part_m) / both_kg
         payloads.append(Payload(both_kg, center_m))
-    paths_m = rng.normal(0, _REACH_M, (_LEGS, 3))
     return Work(
         payloads=tuple(payloads),
         begins_s=np.concatenate(([0.0], np.cumsum(moves_s + rests_s))), moves_s=moves_s,
-        poses=poses, turns=turns, paths_m=paths_m,
+        poses=poses, turns=turns, paths_m=rng.normal(0, _REACH_M, (_LEGS, 3)),
         held=np.arange(_LEGS) // _HELD_LEGS % 2 * (settings.part_kg > 0),
         pressed=touched * np.concatenate((force, np.cross(point, force)), axis=1))  # fmt: skip
 
