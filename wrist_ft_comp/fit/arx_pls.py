@@ -133,7 +133,8 @@ def fit_one_step(segments: Sequence[Segment], orders: Orders) -> tuple[Arx, floa
     Measurement noise biases the fit, and its poles may lie outside the unit circle: see
     ``stabilise``. TooShortError is raised where too few rows are complete.
     """
-    longest, first = orders.longest_lag, orders.first_lag
+    first = orders.first_lag
+    longest = max(orders.n, first + orders.m - 1)  # L: how many past cells u(k) depends on
     parts = []
     for t, u in segments:
         rows = len(t) - longest

@@ -270,13 +270,10 @@ def sum_by_fold(data: BinnedData, features: Sequence[FloatArray]) -> SumsByFold:
             moments, columns = data.moments[i][rows], np.insert(x[rows], 0, 1.0, axis=1)
             # Of 1 and w, each times 1 and x, with one another; then of these with r - w.
             behind = moments[:, :-1, :-1, np.newaxis] * columns[:, np.newaxis, np.newaxis]
-            parts, width = behind.shape[1], columns.shape[1]
-            square = behind.reshape(len(columns), -1).T @ columns
-            square = square.reshape(parts, parts, width, width).swapaxes(1, 2)
-            square = square.reshape(parts * width, parts * width)
+            square = np.tensordot(behind, columns, (0, 0)).swapaxes(1, 2)
             last = (moments[:, :-1, -1].T @ columns).reshape(-1, 1)
             corner = moments[:, -1, -1].sum().reshape(1, 1)
-            products.append(np.block([[square, last], [last.T, corner]]))
+            products.append(np.block([[square.reshape(len(last), -1), last], [last.T, corner]]))
             pairs.append(pair)
     segment, fold = np.transpose(pairs)
     return SumsByFold(np.array(products), segment, fold)

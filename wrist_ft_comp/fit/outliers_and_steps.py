@@ -194,10 +194,9 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
     steps, one_load = list[Step](), np.zeros(len(raw), dtype=np.int64)
     for begin, end in pairwise(begins):
         part = raw[np.newaxis, begin:end], one_load[begin:end], counts[begin:end]
-        found = find_steps(*part, noise, recording.period_s)
         steps += [
             replace(step, cell=begin + step.cell)
-            for step in sorted(found, key=lambda step: step.cell)
+            for step in find_steps(*part, noise, recording.period_s)
             if step.certain and (abs(step.jump) > smallest).any()
         ]
     steps += _steps_in_gaps(raw, at, begins[1:-1], smallest + SMALLEST_SIGMA * noise, recording)

@@ -41,11 +41,6 @@ class Orders:
         """Cells between the output and the newest input: d + 1, or d with a direct term."""
         return self.d if self.direct else self.d + 1
 
-    @property
-    def longest_lag(self) -> int:
-        """L: how many past cells the output depends on."""
-        return max(self.n, self.first_lag + self.m - 1)
-
 
 #: u_r = b_r t_r (eq. 10): no memory.
 STATIC = Orders(direct=True)

@@ -151,10 +151,9 @@ def days_figure(sentence: str, dates: Sequence[str], drift: FloatArray) -> Figur
     panel.set_xlim(-0.8, len(dates) - 0.2)
     panel.set_xticks(dated, [dates[n] for n in dated])
     _frame(panel, 'y')
-    panel.bar(
-        numbers, drift[:, 0], 0.9, lw=0, color=WITHOUT, alpha=0.4, label='drift without a model'
-    )
-    panel.bar(numbers, drift[:, 1], 0.5, lw=0, color=WITH, label='left by the live model')
+    without, left = drift.T
+    panel.bar(numbers, without, 0.9, lw=0, color=WITHOUT, alpha=0.4, label='drift without a model')
+    panel.bar(numbers, left, 0.5, lw=0, color=WITH, label='left by the live model')
     highest = np.nanmax(drift, axis=1, initial=0.0)
     # A few wild days must not flatten the others.
     panel.set_ylim(0, min(2 * np.quantile(highest, 0.9), 1.1 * highest.max()) or 1.0)

@@ -253,8 +253,7 @@ def drifts_removed(model: AxisModel | None) -> str:
 
 def starts_h(recordings: Sequence[Recording]) -> FloatArray:
     """Put recordings one after the other: where each begins, h, shape (recordings,)."""
-    ends_h = np.cumsum([recording.duration_s / 3600 for recording in recordings])
-    return np.concatenate(([0.0], ends_h[:-1]))
+    return np.cumsum([0.0, *(recording.duration_s / 3600 for recording in recordings[:-1])])
 
 
 def _series(recordings: Sequence[Recording], held_out: HeldOut) -> ErrorSeries:
