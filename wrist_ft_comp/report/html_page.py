@@ -44,7 +44,7 @@ def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader('wrist_ft_comp.report'), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True)  # fmt: skip
-    environment.filters.update(number=rounded, svg=pictures.svg_text)
+    environment.filters['svg'] = pictures.svg_text
     environment.globals.update(
         content=report_content, generator=GENERATOR, levels=LEVEL_NAMES, number=rounded,
         pictures=pictures, zip=zip)  # fmt: skip
