@@ -150,8 +150,7 @@ def options_beside(table: Path, topics: Topics) -> ReadOptions:
     return parse_options(said, f'{MAP_FILE} beside it')
 
 
-def recipe(columns: str, time: str) -> Iterable[str]:
+def recipe(columns: str, time: str) -> list[str]:
     """Write a map as the lines of ``recording.yaml``."""
-    yield f'columns: {yaml.safe_dump(columns, width=1000, allow_unicode=True).splitlines()[0]}'
-    if time:
-        yield f'time: {yaml.safe_dump(time).splitlines()[0]}'
+    said = {'columns': columns, 'time': time} if time else {'columns': columns}
+    return yaml.safe_dump(said, sort_keys=False, width=1000, allow_unicode=True).splitlines()
