@@ -10,8 +10,9 @@ ROOT = Path(__file__).parents[1]
 MOST = {
     # Above the goal of 21 500: 1 330 lines came for faults that left 1 to 188 N with every status
     # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
-    'wrist_ft_comp': 22_682,
-    'test': 18_865,
+    'wrist_ft_comp': 22_618,
+    # Up by 19 for a force that came late with every status OK.
+    'test': 18_885,
     'bench': 5_194,
 }
 
