@@ -63,8 +63,8 @@ class RigidBodies:
         return np.asarray(weighs & (np.abs(self.center_m) < FARTHEST_M).all(axis=1))
 
     def named(self, states: IntArray) -> dict[str, Payload]:
-        """Name those that were mounted by numbers, the lightest first, by their cells, (n,)."""
-        shares = [float(np.mean(states[states >= 0] == k)) for k in range(len(self.mass_kg))]
+        """Name those in the states of free cells, (n,), by numbers, the lightest first."""
+        shares = [float(np.mean(states == k)) for k in range(len(self.mass_kg))]
         mounted = self.tangible & (np.array(shares) > 0)
         order = [int(k) for k in np.argsort(self.mass_kg) if mounted[k]]
         return {str(n): self.payload(k, shares[k]) for n, k in enumerate(order, 1)}

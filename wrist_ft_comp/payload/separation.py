@@ -19,7 +19,7 @@ from wrist_ft_comp.payload.mass_and_center import RigidBodies
 from wrist_ft_comp.payload.mounted_payloads import BLOCK_S, Cells, COUNTS, Fit, ROUNDS
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import FloatArray, IntArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.steps_in_recordings import find_steps, Step
 from wrist_ft_comp.stream.drift_of_recordings import simulate_drift
 
@@ -46,18 +46,13 @@ class Separation:
     #: Doubts, in sentences.
     warnings: tuple[str, ...] = ()
 
-    @property
-    def states(self) -> list[IntArray]:
-        """Number of the payload in every cell, (N,) per recording; -1 where none counts."""
-        return self.cells.join(np.where(self.fit.weights > COUNTS, self.fit.states, -1))
-
     def bodies(self) -> RigidBodies:
         """Fit rigid bodies, which RigidBodies.doubts judges."""
         return mounted_payloads.bodies_of(self.cells, self.fit, self.accelerometer.scale)
 
     def payloads_of(self, bodies: RigidBodies) -> LearntPayloads:
         """Name the bodies that were mounted."""
-        named = bodies.named(np.concatenate(self.states))
+        named = bodies.named(self.fit.states[self.fit.weights > COUNTS])
         return LearntPayloads(replace(self.accelerometer.frame, rotation=bodies.rotation), named)
 
 
