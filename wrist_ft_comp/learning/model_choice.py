@@ -19,17 +19,9 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.learning import learning_plan as plan
 from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, LEARNT_FROM, NONE
 from wrist_ft_comp.learning.incidents import Day, describe, incident, left
-from wrist_ft_comp.learning.learning_plan import (
-    ANOTHER_DAY,
-    FEWEST_DAYS,
-    good_days,
-    MOST_DAYS,
-    pause,
-    reason,
-    worthiest,
-)
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift, thermometer_doubts
 
@@ -108,18 +100,18 @@ def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
     """
     entry = describe_day(name, look, before, champion)
     words, entries = drift_words(entry), [*before, entry]
-    if pause(entries, since) or entry.kind not in LEARNT_FROM:
+    if plan.pause(entries, since) or entry.kind not in LEARNT_FROM:
         return Choice(replace(entry, verdict=f'{words}No model was learnt after this day.'))
     chosen = since if since > champion.newest else ''
-    due, why = reason(entries, champion.key, chosen)
-    days = [day for day in good_days(entries) if day.name in kept]
+    due, why = plan.reason(entries, champion.key, chosen)
+    days = [day for day in plan.good_days(entries) if day.name in kept]
     learnt: list[DayEntry] = []
-    for day in worthiest(days, MOST_DAYS) if due else ():
+    for day in plan.worthiest(days, plan.MOST_DAYS) if due else ():
         with suppress(WristFtCompError):  # a file may have been damaged since
             look(day.name)
             learnt.append(day)
-    if len(learnt) < FEWEST_DAYS:
-        return Choice(replace(entry, verdict=f'{words}{ANOTHER_DAY if due else why}'))
+    if len(learnt) < plan.FEWEST_DAYS:
+        return Choice(replace(entry, verdict=f'{words}{plan.ANOTHER_DAY if due else why}'))
     settings = replace(settings or CalibrationSettings(), reference='recorded')
     entry = replace(entry, challenged=True)
     try:
