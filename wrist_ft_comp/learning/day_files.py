@@ -184,13 +184,9 @@ class DayFiles:
 
     def _resumed(self) -> _DayWriter | None:
         """Go on with the day of before a restart or a full disk, after its last whole row."""
-        path = self.path
         with writing(self._folder):
-            span = span_of(path) if path and path.is_file() else None
-            if path is None or span is None:
-                return None
-            self._writer = go_on(_DayWriter, path, span, self._channels, self._sensor())
-            if self._writer is not None:
+            if self.path and self.path.is_file() and (span := span_of(self.path)):
+                self._writer = go_on(_DayWriter, self.path, span, self._channels, self._sensor())
                 self._first_ns, self._last_ns = span.first_ns, span.last_ns
         return self._writer
 
