@@ -54,9 +54,9 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
     before = [judged[name] for name in sorted(judged)]
     choice = choices.take(newest, look, before, champion_of(newest), names, since, job.settings)
     entry = choice.entry
-    diary = Diary((*before, entry), tuple(history), pause([*before, entry], since))
+    paused = pause([*before, entry], since)
 
-    answer: dict[str, Any] = {'success': True, 'learnt': False, 'paused': diary.paused}
+    answer: dict[str, Any] = {'success': True, 'learnt': False, 'paused': paused}
     troubles, advice = [entry.incident], ''
     if lost := known.problem:
         troubles.append(f'{lost} The days are judged again; the damaged file is diary.json.kept.')
@@ -74,7 +74,7 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
                 if job.report is not None:
                     REPORT.write(job.report, page(content))
             entry = replace(entry, better=job.output.name)
-            diary = replace(diary, days=(*before, entry))
+    diary = Diary((*before, entry), paused=paused)
     with _noted(troubles, 'The diary is lost'):
         save_diary(directory, diary)
     with _noted(troubles, 'Old days stay'):
