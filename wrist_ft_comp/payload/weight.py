@@ -29,9 +29,6 @@ SAME_SHARE = 0.03
 DURATION_S = 60.0
 #: Length of a cell, over which wrenches are averaged, s.
 CELL_S = 0.25
-#: Mean wrench less drift, N and N m, mean specific force, m/s², and RMS speed of rotation, rad/s,
-#: NaN where unknown.
-MotionCell = tuple[float, ...]
 #: Specific force, m/s².
 Force = tuple[float, float, float]
 
@@ -163,8 +160,9 @@ class MotionCollector:
     """Averages wrenches and specific force over cells of CELL_S, for DURATION_S of stamps."""
 
     def __init__(self) -> None:
-        #: Complete cells.
-        self.cells: list[MotionCell] = []
+        #: Complete ones: mean wrench less drift, N and N m, mean specific force, m/s², and RMS
+        #: speed of rotation, rad/s, NaN where unknown.
+        self.cells: list[tuple[float, ...]] = []
         #: Of wrenches, specific forces, and squares of the speed of rotation.
         self._sums: list[float] = []
         self._count = self._first_ns = self._cell = 0
