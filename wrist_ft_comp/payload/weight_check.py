@@ -119,22 +119,21 @@ class WeightCheck:
 
     def _turns_alone(self) -> bool:
         """Whether the force moves on the sphere of the weight, but not as the weight."""
-        if len(self._moves) < _DIRECTIONS:
-            return False
         forces, weights = np.array(self._moves).swapaxes(0, 1)
+        points = distinct(forces)
+        if len(points) < _DIRECTIONS:
+            return False
         moved = np.diff(forces, axis=0)
         rests = np.linalg.norm(moved - np.diff(weights, axis=0), axis=1)
         is_apart = rests > np.radians(_LEAST_TURN_DEG) * np.linalg.norm(moved, axis=1)
         if is_apart.mean() < 1 - _AS_WEIGHT:
             return False
-        forces, radius_n = distinct(forces), np.median(np.linalg.norm(weights, axis=1))
-        if len(forces) < _DIRECTIONS:
-            return False
-        fours = forces[_draws(4, len(forces))]
+        fours = points[_draws(4, len(points))]
         # Of four points, those less the first: 2 (p - q) · center = p² - q².
         rows, squares = 2 * (fours[:, 1:] - fours[:, :1]), np.sum(fours**2, axis=2)
         centers = np.linalg.pinv(rows) @ (squares[:, 1:] - squares[:, :1])[..., np.newaxis]
-        distances = np.linalg.norm(forces - centers.swapaxes(1, 2), axis=2)
+        distances = np.linalg.norm(points - centers.swapaxes(1, 2), axis=2)
+        radius_n = np.median(np.linalg.norm(weights, axis=1))
         on_sphere = np.abs(distances / radius_n - 1) < _THICK
         return bool(on_sphere.mean(axis=1).max() >= _ON_SPHERE)
 
