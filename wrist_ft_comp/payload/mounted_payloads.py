@@ -382,14 +382,10 @@ def bodies_of(cells: Cells, fit: Fit, scale: FloatArray | None = None) -> RigidB
 
 def unexplained_contrast(cells: Cells, fit: Fit) -> float:
     """Share of the differences between poses that no payload explains, in the median block."""
-    used = cells.usable.any(axis=1)
-    if not used.any():
-        return 0.0
     whole = cells.wrench - np.median(cells.wrench, axis=1, keepdims=True)
-    unexplained, changes = (
-        np.nanmedian(np.where(cells.usable, norm, np.nan)[used], axis=1)
-        for norm in (np.linalg.norm(part / fit.noise, axis=2) for part in (fit.rest(cells), whole))
-    )
+    sizes = np.linalg.norm(np.stack((fit.rest(cells), whole)) / fit.noise, axis=3)
+    sizes = np.where(cells.usable, sizes, np.nan)[:, cells.usable.any(axis=1)]
+    unexplained, changes = np.nanmedian(sizes, axis=2)
     # Smaller differences between poses need no explanation.
     least = SMALLEST_SIGMA * np.sqrt(len(AXES))
     return float(np.median(unexplained / np.maximum(changes, least)))
