@@ -20,7 +20,7 @@ from wrist_ft_comp.fit.thermometer_prediction import UNUSUAL
 from wrist_ft_comp.learning.diary import DayEntry, IncidentKind, LEARNT_FROM, NONE
 from wrist_ft_comp.payload import separation as work
 from wrist_ft_comp.payload.identify_payload import LEAST_FREE
-from wrist_ft_comp.payload.mass_and_center import CONTRAST, LEVER_M, MISFIT
+from wrist_ft_comp.payload.mass_and_center import CONTRAST, gains_of, LEVER_M, MISFIT
 from wrist_ft_comp.payload.mounted_payloads import cells_in, COUNTS, unexplained_contrast
 from wrist_ft_comp.payload.weight import LearntPayloads, SAME_SHARE
 from wrist_ft_comp.recording import Recording, time_in
@@ -205,12 +205,10 @@ def _other_gains(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incid
 
 def _gains(entry: DayEntry) -> list[FloatArray]:
     """Make the gains of a day's payloads, kg, (6, 3), torques divided by a lever."""
-    found = []
-    for mass_kg, *center_m in entry.payloads if entry.rotation else ():
-        lever = np.cross(np.array(center_m) / LEVER_M, np.eye(3)).T
-        gains = mass_kg * np.concatenate((np.eye(3), lever))
-        found.append(gains @ np.reshape(entry.rotation, (3, 3)))
-    return found
+    if not (entry.payloads and entry.rotation):
+        return []
+    gains = gains_of(np.array(entry.payloads), np.reshape(entry.rotation, (3, 3)))
+    return [*np.swapaxes(gains / np.repeat([1.0, LEVER_M], 3), 1, 2)]
 
 
 def _are_same(one: FloatArray, other: FloatArray) -> bool:
@@ -255,8 +253,12 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
         change = np.median(residual[after], axis=0) - np.median(residual[before], axis=0)
         if np.linalg.norm(change - jump) >= 2 * tolerated:
             continue  # heat, or a press that ends where nothing is free of contact
-        for weight in _changes_of_weight(day, at, near):
-            if np.linalg.norm(weight / noise - jump) < tolerated:
+        if day.payloads is not None:
+            force = np.asarray(recording.specific_force)[at : at + near]
+            pose = day.payloads.frame.turn(np.nanmedian(force, axis=0))
+            weights = [payload.weight(pose) for payload in day.payloads.payloads.values()]
+            swaps = [one - other for one, other in permutations(weights, 2)]
+            if any(np.linalg.norm(swap / noise - jump) < tolerated for swap in swaps):
                 return 'contacts', (
                     f'The reading stepped at {time_in(recording, at)} by what the payloads of '
                     'the day differ by, as where a robot is parked with a part for long: its '
@@ -278,13 +280,3 @@ def _distance_to_zero(readings: FloatArray, at: int, jump: FloatArray) -> float:
     share = -np.sum(after[:-1] * change, axis=1) / np.maximum(np.sum(change**2, axis=1), 1e-12)
     distance = np.linalg.norm(after[:-1] + np.clip(share, 0, 1)[:, np.newaxis] * change, axis=1)
     return float(np.min(distance, initial=np.inf, where=np.isfinite(distance)))
-
-
-def _changes_of_weight(day: Day, at: int, near: int) -> list[FloatArray]:
-    """List what the payloads of a day differ by in the pose from a cell on, N and N m, (6,)."""
-    force = day.recording.specific_force
-    if day.payloads is None or force is None:
-        return []
-    pose = day.payloads.frame.turn(np.nanmedian(force[at : at + near], axis=0))
-    weights = [payload.weight(pose) for payload in day.payloads.payloads.values()]
-    return [one - other for one, other in permutations(weights, 2)]

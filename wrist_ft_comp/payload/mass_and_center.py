@@ -148,7 +148,7 @@ def rigid_bodies(
         six axes, and mass and centre of every body.
         """
         rotation = start @ scipy.spatial.transform.Rotation.from_rotvec(values[:3]).as_matrix()
-        expected = sign * (1 + values[3:9]) * _gains_of(values[9:].reshape(count, 4), rotation)
+        expected = sign * (1 + values[3:9]) * gains_of(values[9:].reshape(count, 4), rotation)
         errors = roots @ (gains - expected).reshape(-1, 6) / np.sqrt(spread)
         return np.append(errors, values[3:9] / _SENSOR_GAIN)
 
@@ -165,7 +165,7 @@ def rigid_bodies(
     bodies = found.x[9:].reshape(count, 4)
     rotation = start @ scipy.spatial.transform.Rotation.from_rotvec(found.x[:3]).as_matrix()
     # What only gain errors of the axes explain is no rigid body, either.
-    unexplained = gains - sign * _gains_of(bodies, rotation)
+    unexplained = gains - sign * gains_of(bodies, rotation)
     if scale is not None:
         shares = np.diag(seen) / max(np.trace(seen), 1e-30)
         error[:, 0] = np.hypot(error[:, 0], bodies[:, 0] * np.sqrt(shares @ scale @ shares))
@@ -195,8 +195,8 @@ def _start_rotation(gains: FloatArray, seen: FloatArray) -> tuple[FloatArray, bo
     return left @ right, mirrored
 
 
-def _gains_of(bodies: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Gains, (K, 3, 6), of bodies with m and c, (K, 4), at a rotation: [-m R; -m [c]× R]."""
+def gains_of(bodies: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Compute gains, (K, 3, 6), of bodies, m and c, (K, 4), at a rotation: [-m R; -m [c]× R]."""
     torque = np.cross(bodies[:, None, 1:], rotation.T)  # columns of [c]× R, as rows
     force = np.broadcast_to(rotation.T, torque.shape)
     return np.asarray(-bodies[:, :1, None] * np.concatenate((force, torque), axis=-1))
