@@ -55,13 +55,12 @@ def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def main() -> int:
-    """Run one job from standard input, at low priority, and write its outcome; gives 0."""
+def main() -> None:
+    """Run one job from standard input, at low priority, and write its outcome."""
     os.nice(10)
     Thread(target=end_with, args=(int(sys.argv[1]),), daemon=True).start()
     json.dump(answer(from_plain(CalibrationJob, parse_json(sys.stdin.read()))), sys.stdout)
-    return 0
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

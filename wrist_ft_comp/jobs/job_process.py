@@ -99,18 +99,17 @@ class JobProcess:
         """Give the outcome, as ``job_main`` writes it; None while the job runs."""
         if self._exchange.is_alive():
             return None
-        try:
+        with suppress(ValueError):
             outcome: dict[str, Any] = json.loads(self._output)
-        except ValueError:
-            last_line = self._errors.decode(errors='replace').strip().rsplit('\n', 1)[-1]
-            code = self._process.returncode
-            how = f'by signal {-code}' if code < 0 else f'with code {code}'
-            message = (
-                f'The calibration process was ended {how} and gave no result '
-                f'({last_line or "it said nothing"}). The running model stays; call again.'
-            )
-            outcome = {'success': False, 'message': message}
-        return outcome
+            return outcome
+        last_line = self._errors.decode(errors='replace').strip().rsplit('\n', 1)[-1]
+        code = self._process.returncode
+        how = f'by signal {-code}' if code < 0 else f'with code {code}'
+        message = (
+            f'The calibration process was ended {how} and gave no result '
+            f'({last_line or "it said nothing"}). The running model stays; call again.'
+        )
+        return {'success': False, 'message': message}
 
     def end(self) -> None:
         """Stop it, if it runs."""
