@@ -95,9 +95,8 @@ def _start(cells: Cells) -> Fit:
     # An error of a torque counts as that of a force at a lever.
     errors = np.linalg.norm((wrench - x @ fits) / np.repeat([1.0, LEVER_M], 3), axis=2)
     best = int(np.argmin(np.log(errors + _NOISE_N) @ rarity))
-    level, gains = fits[best, 0], fits[best, 1:]
     weights = 1.0 * (errors[best] <= np.quantile(errors[best], LEAST_FREE))[np.newaxis]
     states = np.zeros(weights.shape, dtype=np.int64)
-    levels = np.broadcast_to(level, cells.wrench.shape)
-    start = Fit(gains[np.newaxis], states, weights, levels, np.ones(len(AXES)))
+    levels = np.broadcast_to(fits[best, 0], cells.wrench.shape)
+    start = Fit(fits[[best], 1:], states, weights, levels, np.ones(len(AXES)))
     return mounted_payloads.with_new_noise(cells, start)

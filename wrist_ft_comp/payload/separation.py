@@ -167,8 +167,7 @@ def separate_again(
             np.concatenate(cells_before.join(part))[cells.rows]
             for part in (fit.states, fit.weights, fit.levels)
         )
-        weights = weights * cells.usable
-        fit = replace(fit, states=states, weights=weights, levels=levels)
+        fit = replace(fit, states=states, weights=weights * cells.usable, levels=levels)
         fit = mounted_payloads.fit_again(cells, fit)
         mounted, counts = cells.join(fit.states), cells.join(fit.weights > COUNTS)
         if number == ROUNDS:
@@ -185,12 +184,11 @@ def separate_again(
     drifts = []
     for n, recording in enumerate(recordings):
         unsure = mounted_payloads.cells_in(_UNSURE_S, recording.period_s)
-        for step in steps[n]:
-            counts[n][max(0, step.cell - unsure) : step.cell + unsure] = False
+        for cell in ends[n]:
+            counts[n][max(0, cell - unsure) : cell + unsure] = False
         wrench = np.where(counts[n][:, None], _without_steps(recording.wrench, steps[n]), np.nan)
         weight = mounted_payloads.of_state(forces[n] @ fit.gains, mounted[n])
-        cells_of_steps = tuple(step.cell for step in steps[n])
-        drifts.append(replace(recording, wrench=wrench, reference=weight, steps=cells_of_steps))
+        drifts.append(replace(recording, wrench=wrench, reference=weight, steps=tuple(ends[n])))
     return Separation(recordings, drifts, start.accelerometer, cells, fit, steps)
 
 
