@@ -135,10 +135,9 @@ def survey(directory: Path) -> Diary:
             or f'{directory} holds no days that were judged. A node with the parameter learning '
             'set to propose or auto judges each day after its end.'
         )
-    history: list[HistoryEntry] = []
     with suppress(ModelFileError):  # the days can be shown without it
-        history = NodeFolder(directory).history()
-    return replace(diary, history=tuple(history))
+        return replace(diary, history=tuple(NodeFolder(directory).history()))
+    return diary
 
 
 @dataclass(frozen=True)
