@@ -357,11 +357,7 @@ def with_new_noise(cells: Cells, fit: Fit) -> Fit:
 
 
 def bodies_of(cells: Cells, fit: Fit, scale: FloatArray | None = None) -> RigidBodies:
-    """
-    Fit rigid bodies to the gains.
-
-    ``scale`` is the covariance of the accelerometer's scale, (3, 3), relative.
-    """
+    """Fit rigid bodies to the gains; ``scale`` is as in rigid_bodies."""
     count, weights = len(fit.gains), fit.weights
     moved, rest = (
         (part - fitted_levels(part, weights, cells.powers)).reshape(-1, part.shape[2])
