@@ -189,11 +189,13 @@ class TestAccelerometer:
 
 
 class TestDoubts:
-    def test_the_specific_force_of_another_frame_is_refused(self, make_working_day):
+    @pytest.mark.parametrize('moving', [0.0, 0.6])
+    def test_the_specific_force_of_another_frame_is_refused(self, make_working_day, moving):
         one, other = (make_working_day(seed, 600, part=False) for seed in range(2))
+        turns = np.where(np.random.default_rng(0).random(600) < moving, 1.0, 0.0)
         wrong = [
-            replace(one, specific_force=other.specific_force),
-            replace(other, specific_force=one.specific_force),
+            replace(day, specific_force=force, wrench=day.wrench + 200.0, rotation_speed=turns)
+            for day, force in ((one, other.specific_force), (other, one.specific_force))
         ]
         with pytest.raises(CalibrationRefusedError, match='do not follow gravity'):
             calibrate(wrong, AT_WORK)

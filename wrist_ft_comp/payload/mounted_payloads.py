@@ -378,10 +378,13 @@ def bodies_of(cells: Cells, fit: Fit, scale: FloatArray | None = None) -> RigidB
 
 def unexplained_contrast(cells: Cells, fit: Fit) -> float:
     """Share of the differences between poses that no payload explains, in the median block."""
-    whole = cells.wrench - np.median(cells.wrench, axis=1, keepdims=True)
-    sizes = np.linalg.norm(np.stack((fit.rest(cells), whole)) / fit.noise, axis=3)
-    sizes = np.where(cells.usable, sizes, np.nan)[:, cells.usable.any(axis=1)]
-    unexplained, changes = np.nanmedian(sizes, axis=2)
+    used = cells.usable.any(axis=1)
+    wrench = np.where(cells.usable[..., None], cells.wrench, np.nan)[used]
+    whole = wrench - np.nanmedian(wrench, axis=1, keepdims=True)
+    rest = np.where(cells.usable[..., None], fit.rest(cells), np.nan)[used]
+    unexplained, changes = (
+        np.nanmedian(np.linalg.norm(part / fit.noise, axis=2), axis=1) for part in (rest, whole)
+    )
     # Smaller differences between poses need no explanation.
     least = SMALLEST_SIGMA * np.sqrt(len(AXES))
     return float(np.median(unexplained / np.maximum(changes, least)))
