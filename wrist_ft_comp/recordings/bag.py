@@ -17,7 +17,7 @@ from wrist_ft_comp.recording import Samples, Topics
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.stream.clock import BAG_APART_S, NO_TIME
 from wrist_ft_comp.wire import cdr, temperature_source
-from wrist_ft_comp.wire.gravity_by_tf import decode_transforms, GAP_NS, GravityByTf
+from wrist_ft_comp.wire.gravity_by_tf import GAP_NS, GravityByTf, tf_layouts
 from wrist_ft_comp.wire.numbers_in_messages import Definitions, follow, NumberReader
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 
@@ -296,13 +296,12 @@ def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
     due: IntArray = np.empty(0, np.int64)
     last_step, found = 0, False
     for batch in chain(bag.batches(moving), [[]]):
-        stamps = _add_transforms(bag, gravity, batch)
-        steps = np.unique(np.concatenate([due[:0], *(part // _STEP_NS for part in stamps)]))
+        steps = np.unique(_add_transforms(bag, gravity, batch) // _STEP_NS)
         due = np.union1d(due, np.add.outer(steps, _STEPS))
         settled_ns = gravity.settled_ns() if batch else None
         now = due * _STEP_NS <= (settled_ns or np.iinfo(np.int64).max) - _STEP_NS // 2
         steps, due = due[now & (due > last_step)], due[~now]
-        last_step = max([last_step, *steps[-1:].tolist()])
+        last_step = int(steps.max(initial=last_step))
         times_ns = steps * _STEP_NS + _STEP_NS // 2
         force, speed = gravity.read(times_ns)
         gravity.forget()
@@ -347,12 +346,16 @@ def _tf_topic(bag: Bag, name: str) -> str:
 
 def _add_transforms(
     bag: Bag, gravity: GravityByTf, batch: Sequence[Message], *, static: bool = False
-) -> list[IntArray]:
+) -> IntArray:
     """Take the transforms of messages in; returns their stamps, ns."""
+    stamps_ns: list[IntArray] = [np.empty(0, np.int64)]
     try:
-        found = [*decode_transforms([data for _, _, data in batch])]
-        for transforms in found:
-            gravity.add(transforms, static=static)
+        for layout, _, rows in tf_layouts().group([data for _, _, data in batch]):
+            for transforms in layout.decode(rows, range(len(layout.frames))):
+                gravity.add(transforms, static=static)
+                stamps_ns.append(transforms.stamps_ns)
     except RecordingError as error:
-        raise RecordingError(f'A transform of {bag.name} is damaged. {error}') from error
-    return [transforms.stamps_ns for transforms in found]
+        raise RecordingError(
+            f'A transform of {bag.name} is damaged. Expected a tf2_msgs/TFMessage. {error}'
+        ) from error
+    return np.concatenate(stamps_ns)

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.channels import GRAVITY
-from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.wire import numbers_in_messages
 from wrist_ft_comp.wire.cdr import Rows, TF
@@ -79,15 +78,6 @@ class Layout:
 def tf_layouts() -> Layouts[Layout]:
     """Remember from now on how the messages of a topic's publishers are laid out."""
     return Layouts(_DEFINITIONS, TF, _lay_out, same_texts=True)
-
-
-def decode_transforms(messages: Sequence[bytes]) -> Iterator[Transforms]:
-    """Read messages; RecordingError, which names no topic, when one is no TFMessage."""
-    try:
-        for layout, _, rows in tf_layouts().group(messages):
-            yield from layout.decode(rows, range(len(layout.frames)))
-    except RecordingError as error:
-        raise RecordingError(f'Expected a tf2_msgs/TFMessage. {error}') from error
 
 
 def _lay_out(message: numbers_in_messages.Layout) -> Layout:
