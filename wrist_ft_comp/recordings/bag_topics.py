@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import chain
 import re
 
 import numpy as np
@@ -54,8 +53,8 @@ class _Tally:
 
     connection: Connection
     role: str
-    #: Of messages of another type: where the temperatures are.
-    paths: list[Path] = field(default_factory=list)
+    #: Where the temperatures are; empty of a sensor_msgs/Temperature.
+    paths: Sequence[Path] = ((),)
     reader: NumberReader | None = None
     stamped: bool = False
     #: Of each temperature, in the order of the paths.
@@ -69,9 +68,9 @@ class _Tally:
             yield Candidate(self.role, topic, samples, self.stamped)
             return
         # What has no stamp counts at its time of arrival where it is read as a field.
-        plain: list[Path] = [()] if self.stamped else [('temperature',)]
-        for path, low, high in zip(self.paths or plain, self.low, self.high, strict=True):
-            entry = f'{topic}:{path_text(path)}' if path else topic
+        plain = topic if self.stamped else f'{topic}:temperature'
+        for path, low, high in zip(self.paths, self.low, self.high, strict=True):
+            entry = f'{topic}:{path_text(path)}' if path else plain
             yield Candidate(TEMPERATURE, entry, samples, self.stamped, (float(low), float(high)))
 
 
@@ -80,13 +79,10 @@ def survey_bag(
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
     """List what may be used of a bag, by role and topic, and warnings."""
     warnings: list[str] = []
-    found: list[Candidate] = []
     tallies: dict[int, _Tally] = {}
     for connection in (c for c in bag.connections if c.msgcount):
         topic, kind = connection.topic, connection.msgtype
-        if kind == cdr.TF:
-            found.append(Candidate(TF, topic, connection.msgcount, stamped=False))
-        elif role := _ROLES.get(kind):
+        if role := _ROLES.get(kind):
             tallies[connection.id] = _Tally(connection, role)
         else:
             try:
@@ -99,7 +95,8 @@ def survey_bag(
                 if paths := temperatures_in(follow(definitions, kind, first), topic):
                     reader = NumberReader(definitions, kind, paths)
                     tallies[connection.id] = _Tally(connection, TEMPERATURE, paths, reader)
-    for number, _, messages in bag.grouped([*tallies], progress):
+    read = [number for number, tally in tallies.items() if tally.role != TF]
+    for number, _, messages in bag.grouped(read, progress):
         if not (tally := tallies.get(number)):
             continue
         try:
@@ -110,10 +107,10 @@ def survey_bag(
             continue
         tally.stamped |= bool(stamps_ns.any())
         if tally.role == TEMPERATURE:
-            values = values[:, : len(tally.paths) or 1]  # behind a Temperature is its variance
+            values = values[:, : len(tally.paths)]  # behind a Temperature is its variance
             tally.low = np.fmin(tally.low, np.fmin.reduce(values))
             tally.high = np.fmax(tally.high, np.fmax.reduce(values))
-    found += chain.from_iterable(tally.candidates() for tally in tallies.values())
+    found = [candidate for tally in tallies.values() for candidate in tally.candidates()]
     order = list(_ROLES.values())
     found.sort(key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))
     return tuple(found), tuple(warnings)
