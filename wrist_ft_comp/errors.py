@@ -64,10 +64,9 @@ def check_range(
 ) -> None:
     """Raise SettingsError for NaN, infinities and what lies outside; ``above`` excludes least."""
     inside = least < value <= most if above else least <= value <= most
-    if math.isfinite(value) and inside:
-        return
-    words = range_words(least, most, above=above) or 'that is finite'
-    raise SettingsError(f'{name} must be a number {words}; got {value}.')
+    if not (math.isfinite(value) and inside):
+        words = range_words(least, most, above=above) or 'that is finite'
+        raise SettingsError(f'{name} must be a number {words}; got {value}.')
 
 
 def range_words(least: float, most: float = math.inf, *, above: bool = False) -> str:
