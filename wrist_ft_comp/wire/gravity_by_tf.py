@@ -252,9 +252,8 @@ class GravityByTf:
             return np.full_like(lower, np.nan)
         for rotation, chain, other in zip(turned, chains, reversed(chains), strict=True):
             for frame in chain:
-                if frame in other:  # from here on both go the same way
-                    break
-                rotation[:] = self._links[frame].at(times_ns) @ rotation
+                if frame not in other:  # else both go the same way
+                    rotation[:] = self._links[frame].at(times_ns) @ rotation
         return np.swapaxes(upper, 1, 2) @ lower
 
     def read(self, times_ns: IntArray) -> tuple[FloatArray, FloatArray]:
