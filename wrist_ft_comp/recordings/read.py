@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, ExitStack
 from dataclasses import replace
-from functools import partial
 import hashlib
 from importlib import import_module
 from itertools import islice
@@ -207,9 +206,8 @@ class OpenTable:
             for block in samples_of(rows.stamps_ns, rows.values)
             if len(block.stamps_ns) > 1
         ]
-        spacing_s = min(spacings_s, default=1.0)
-        is_likely = spacing_s <= LONGEST_SPACING_S
-        return float(min(max(round(spacing_s), 1), PERIODS_S[1])) if is_likely else 1.0
+        spacing_s = min((s for s in spacings_s if s <= LONGEST_SPACING_S), default=1.0)
+        return float(min(max(round(spacing_s), 1), PERIODS_S[1]))
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -337,7 +335,7 @@ def hash_recording(path: Path) -> str:
         files = sorted(file for file in path.iterdir() if {*SUFFIXES} & {*file.suffixes})
     for file in filter(Path.is_file, files):
         with file.open('rb') as content:
-            for some in iter(partial(content.read, 1 << 20), b''):
+            while some := content.read(1 << 20):
                 digest.update(some)
     return digest.hexdigest()
 
