@@ -1,9 +1,9 @@
 """What a bag is, and what is read of it, whichever backend does that."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import difflib
 from itertools import chain, islice
 from typing import Any
@@ -92,10 +92,10 @@ class Bag:
                 if group:
                     yield number, [ns for _, ns, _ in group], [data for _, _, data in group]
 
-    def first(self, connection: Connection) -> bytes | None:
-        """Read the first message of a connection; None when there is none."""
+    def first(self, connection: Connection) -> bytes:
+        """Read the first message of a connection; nothing when there is none."""
         with translated(self.name):
-            return next((data for _, _, data in self.read([connection])), None)
+            return next((data for _, _, data in self.read([connection])), b'')
 
     def named(self, topic: str) -> list[Connection]:
         """List the connections of a topic, with or without its leading slash."""
@@ -159,9 +159,10 @@ class _TopicStream:
     """A topic that is read: a header and doubles, or any message with numbers in it."""
 
     connection: Connection
-    #: Channels of the first doubles, or of the sources.
-    channels: tuple[str, ...]
-    sources: tuple[TemperatureSource, ...] = ()
+    #: Channels of the first doubles.
+    channels: tuple[str, ...] = ()
+    #: Or, by channel, what the reader reads.
+    sources: Mapping[str, TemperatureSource] = field(default_factory=dict)
     reader: NumberReader | None = None
     #: Whether a message had a stamp; None before one was read.
     is_stamped: bool | None = None
@@ -175,7 +176,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
         yield from gravity_samples(bag, topics)
     for number, times_ns, messages in bag.grouped(streams, progress):
         stream = streams[number]
-        connection, named = stream.connection, stream.channels
+        connection = stream.connection
         stamps_ns, values = decode(bag, connection, messages, stream.reader)
         is_first = stream.is_stamped is None
         stream.is_stamped = bool(stream.is_stamped or stamps_ns.any())
@@ -189,9 +190,9 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
                 measured = speed[:, 0] > 0  # an accelerometer alone leaves it empty
                 yield Samples((channels.ROTATION_CHANNEL,), stamps_ns[measured], speed[measured])
             else:
-                yield Samples(named, stamps_ns, values[:, : len(named)])
+                yield Samples(stream.channels, stamps_ns, values[:, : len(stream.channels)])
             continue
-        for source, column in zip(stream.sources, values.T, strict=True):
+        for source, column in zip(stream.sources.values(), values.T, strict=True):
             if is_first and not np.isfinite(column).any():
                 layout = follow(bag.define(connection), connection.msgtype, messages[0])
                 raise RecordingError(f'{bag.name}: {source.missing(layout)}')
@@ -207,7 +208,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
         else:  # in simulated time, many may arrive at once
             stamps_ns, first = np.unique(times_ns, return_index=True)
             values = values[first]
-        for channel, source, column in zip(named, stream.sources, values.T, strict=True):
+        for (channel, source), column in zip(stream.sources.items(), values.T, strict=True):
             yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
     for stream in streams.values():
         if not stream.sources and not stream.is_stamped:
@@ -223,12 +224,12 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
 def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
     """Find the topics; a stream for each connection."""
     named = [(topics.wrench, cdr.WRENCH, 'raw wrench', tuple[str, ...](AXES))]
-    fields: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
+    fields: defaultdict[str, dict[str, TemperatureSource]] = defaultdict(dict)
     sources = temperature_source.parse_sources(topics.temperatures, lambda topic: topic.strip('/'))
     for number, source in enumerate(sources):
         channel = channels.temperature_channel(number)
         if source.path:
-            fields[source.topic.strip('/')].append((channel, source))
+            fields[source.topic.strip('/')][channel] = source
         else:
             named.append((source.topic, cdr.TEMPERATURE, 'temperature', (channel,)))
     holds_reference = any(connection.msgcount for connection in bag.named(topics.reference))
@@ -241,12 +242,11 @@ def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
         for topic, message_type, role, group in named
         for connection in bag.find(topic, message_type, role)
     ]
-    for topic, parts in fields.items():
-        read_as, of_topic = zip(*parts, strict=True)
+    for topic, of_topic in fields.items():
+        paths = [source.path for source in of_topic.values()]
         for connection in bag.find(topic, None, 'temperature'):
-            paths = [source.path for source in of_topic]
             reader = NumberReader(bag.define(connection), connection.msgtype, paths)
-            streams.append(_TopicStream(connection, read_as, of_topic, reader))
+            streams.append(_TopicStream(connection, sources=of_topic, reader=reader))
     topics_read = Counter(stream.connection.id for stream in streams)
     for stream in streams:
         if topics_read[stream.connection.id] > 1:
@@ -283,7 +283,7 @@ def sensor_of(bag: Bag, topics: Topics) -> SensorNames:
     names = {'wrench_topic': [wrench.topic], 'temperature_topics': temperatures}
     # Who decodes the wrench says what is wrong with it.
     with suppress(RecordingError):
-        data = bag.first(wrench) or b''
+        data = bag.first(wrench)
         if frame_id := cdr.locate(data, cdr.WRENCH_DOUBLES).frame_id(data):
             names['frame_id'] = [frame_id]
     return names

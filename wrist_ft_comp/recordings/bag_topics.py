@@ -91,8 +91,8 @@ def survey_bag(
                 warnings.append(f'Whether it holds temperatures is not known: {error}')
                 continue
             with suppress(RecordingError):  # a message that cannot be decoded shows none
-                first = bag.first(connection) or b''
-                if paths := temperatures_in(follow(definitions, kind, first), topic):
+                layout = follow(definitions, kind, bag.first(connection))
+                if paths := temperatures_in(layout, topic):
                     reader = NumberReader(definitions, kind, paths)
                     tallies[connection.id] = _Tally(connection, TEMPERATURE, paths, reader)
     read = [number for number, tally in tallies.items() if tally.role != TF]
