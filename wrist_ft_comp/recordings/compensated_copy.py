@@ -9,9 +9,9 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.recording import Correction, Topics
-from wrist_ft_comp.recordings.bag import Bag, decode
+from wrist_ft_comp.recordings.bag import decode
 from wrist_ft_comp.recordings.column_map import COMPENSATED
-from wrist_ft_comp.recordings.read import backend, open_recording, OpenTable
+from wrist_ft_comp.recordings.read import backend, open_recording, OpenBag, OpenTable
 from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.stored.safe_file import Output, writing
@@ -36,20 +36,20 @@ def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its def
     axes. RecordingError when the source cannot be read or the target cannot be made; a failure
     leaves nothing behind.
     """
-    source, target, topics = Path(source), Path(target), topics or Topics()
+    source, target = Path(source), Path(target)
     copy = check_copy(source, target, output_topic)
     with writing(target):
         target.parent.mkdir(parents=True, exist_ok=True)
     with (
         writing(target),
         TemporaryDirectory(prefix=f'.{target.name}.', dir=target.parent) as folder,
-        open_recording(source, topics) as opened,
+        open_recording(source, topics or Topics()) as opened,
     ):
         made = Path(folder) / target.name
         if isinstance(opened, OpenTable):
             _write_table(opened, made, correct, progress)
         else:
-            _write_bag(opened.bag, made, correct, output_topic, topics, progress)
+            _write_bag(opened, made, correct, output_topic, progress)
         copy.check_target(target)
         made.rename(target)
         return opened.warnings
@@ -75,20 +75,16 @@ def check_copy(
     return copy
 
 
-def _write_bag(  # noqa: PLR0913, PLR0917 -- as rewrite_recording
-    bag: Bag,
-    target: Path,
-    correct: Correction,
-    output_topic: str,
-    topics: Topics,
-    progress: Progress | None,
+def _write_bag(
+    source: OpenBag, target: Path, correct: Correction, output: str, progress: Progress | None
 ) -> None:
     """Copy every message into the same storage; add wrenches at the times of the raw one."""
-    wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
+    bag = source.bag
+    wrenches = bag.find(source.options.topics.wrench, cdr.WRENCH, 'raw wrench')
     numbers = {wrench.id for wrench in wrenches}
     with backend().write_bag(target, bag.storage) as (add, write):
         copies = {c.id: add(c, c.topic, c.msgtype) for c in bag.connections}
-        added = add(wrenches[0], f'/{output_topic.strip("/")}', cdr.WRENCH)
+        added = add(wrenches[0], f'/{output.strip("/")}', cdr.WRENCH)
         for batch in bag.batches(bag.connections, progress):
             messages = [data for connection, _, data in batch if connection.id in numbers]
             wrench = correct(*decode(bag, wrenches[0], messages))
