@@ -27,8 +27,6 @@ from wrist_ft_comp.units import TEMPERATURE_UNITS, to_celsius
 from wrist_ft_comp.wire.numbers_in_messages import Layout, Path
 
 _Number = TypeVar('_Number', float, FloatArray)
-#: The field of a sensor_msgs/Temperature.
-_PLAIN: Path = ('temperature',)
 _NAME_PART = r'(?![0-9])(?:[A-Za-z0-9_]|\{(?:node|ns|namespace)\})+'
 #: Names of topics as ROS allows them.
 _TOPIC = re.compile(rf'(?:~?/)?{_NAME_PART}(?:/{_NAME_PART})*')
@@ -65,7 +63,7 @@ class TemperatureSource:
     @property
     def number(self) -> Path:
         """Path of the number, also in a sensor_msgs/Temperature."""
-        return self.path or _PLAIN
+        return self.path or ('temperature',)
 
     def celsius(self, numbers: _Number) -> _Number:
         """Convert the number, or an array of them, to °C."""
