@@ -152,7 +152,7 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     topics = replace(topics, wrench=wrench)
     candidates = sorted(filter(may_be_ours, candidates), key=distance)
     imus = [c for c in candidates if c.role == IMU and c.stamped]
-    if imus and not topics.imu and not topics.gravity_frame:
+    if imus and not topics.force_source:
         topics = replace(topics, imu=imus[0].entry)
     if topics.temperatures != Topics().temperatures:
         return topics
