@@ -105,8 +105,7 @@ def _line_ends(
     """Fit a line to values, (n, A), of each range, and read it at a time, (m,); NaN of two."""
     axes = values.shape[1]
     columns = (np.ones_like(time_s), time_s, time_s**2, values, time_s[:, None] * values)
-    sums = np.cumsum(np.column_stack(columns), axis=0)
-    sums = np.concatenate((np.zeros((1, sums.shape[1])), sums))
+    sums = np.pad(np.cumsum(np.column_stack(columns), axis=0), ((1, 0), (0, 0)))
     part = sums[end] - sums[begin]
     count = np.where(part[:, 0] >= 3, part[:, 0], np.nan)
     mean_s, mean = part[:, 1] / count, part[:, 3 : 3 + axes] / count[:, None]
@@ -141,11 +140,9 @@ def _explain(
     )
     first = _best(steps, left)
     step, heat = steps[:, [first]], near_heats[:, [_best(near_heats, left)]]
-    with_step, with_heat = (_explained_beside(kernel, far_heats, left) for kernel in (step, heat))
-    squares = float(np.sum((left - with_heat[0]) ** 2))
-    least = float(np.sum((left - with_step[0]) ** 2))
-    evidence = len(t) * np.log(max(squares, 1e-9) / max(least, 1e-9))
-    jump, certain = with_step[1], evidence > _LEAST_EVIDENCE
+    (by_step, jump), (by_heat, _) = (_beside_heat(k, far_heats, left) for k in (step, heat))
+    evidence = len(t) * np.log(max(by_heat, 1e-9) / max(by_step, 1e-9))
+    certain = evidence > _LEAST_EVIDENCE
     hidden = gap_s >= _HIDING_S and evidence > _HIDDEN_EVIDENCE
     smallest = SMALLEST_SIGMA if certain else 4 * SMALLEST_SIGMA if hidden else np.inf
     if np.linalg.norm(jump) < smallest:
@@ -161,15 +158,15 @@ def _heats(time_s: FloatArray, onsets_s: FloatArray, lags_s: Sequence[float]) ->
     return np.concatenate([1 - np.exp(-since_s / lag_s) for lag_s in lags_s], axis=1)
 
 
-def _explained_beside(
+def _beside_heat(
     kernel: FloatArray, heats: FloatArray, left: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Explain what is left by a kernel, (n, 1), and the best heat; gives its size, (A,), too."""
+) -> tuple[float, FloatArray]:
+    """Sum the squares that a kernel, (n, 1), and the best heat leave; gives its size, (A,)."""
     unit = kernel / max(float(np.linalg.norm(kernel)), 1e-9)
     best = _best(_without(unit, heats), _without(unit, left))
     both = np.concatenate((kernel, heats[:, [best]]), axis=1)
     sizes = np.linalg.lstsq(both, left, rcond=None)[0]
-    return both @ sizes, sizes[0]
+    return float(np.sum((left - both @ sizes) ** 2)), sizes[0]
 
 
 def _without(basis: FloatArray, values: FloatArray) -> FloatArray:
