@@ -229,6 +229,7 @@ class _Follower:
         return 4 + begin
 
 
+@dataclass(eq=False)
 class Layouts(Generic[_Made]):
     """
     Remembers what ``make`` made of the layouts of a type's messages.
@@ -237,15 +238,13 @@ class Layouts(Generic[_Made]):
     RecordingError, which names neither file nor topic, when a message is none of the type.
     """
 
-    def __init__(
-        self, definitions: Definitions, kind: str, make: Callable[[Layout], _Made], *,
-        same_texts: bool = False,
-    ) -> None:  # fmt: skip
-        self._definitions, self._kind, self._make = definitions, kind, make
-        self._same_texts = same_texts
-        #: By size of the message: what picks the bytes that all messages of a layout share out of
-        #: one, these bytes, where they are, and what was made.
-        self._of_size: dict[int, list[tuple[Any, object, IntArray, _Made]]] = {}
+    definitions: Definitions
+    kind: str
+    make: Callable[[Layout], _Made]
+    same_texts: bool = False
+    #: By size of the message: what picks the bytes that all messages of a layout share out of
+    #: one, these bytes, where they are, and what was made.
+    _of_size: dict[int, list[tuple[Any, object, IntArray, _Made]]] = field(default_factory=dict)
 
     def find(self, data: bytes) -> _Made:
         """Find what was made of the layout of a message."""
@@ -257,12 +256,12 @@ class Layouts(Generic[_Made]):
         for known_pick, bytes_, at, made in of_size:
             if known_pick(data) == bytes_:
                 return at, made
-        layout = follow(self._definitions, self._kind, data)
+        layout = follow(self.definitions, self.kind, data)
         shared = [slice(0, 2), *layout.lengths]
-        shared += layout.texts.values() if self._same_texts else []
+        shared += layout.texts.values() if self.same_texts else []
         pick: Callable[[bytes], object] = itemgetter(*shared)
         at = np.concatenate([np.arange(part.start, part.stop) for part in shared])
-        made = self._make(layout)
+        made = self.make(layout)
         if len(self._of_size) >= _MOST_SIZES:
             self._of_size.clear()
         self._of_size[len(data)] = [(pick, pick(data), at, made), *of_size][:_MOST_OF_A_SIZE]
