@@ -61,16 +61,15 @@ def check_copy(
     """Refuse a target of a copy, or a topic that is added to it, before anything is read."""
     copy = Output(name='copy', endings='.csv')
     with open_recording(source, Topics()) as opened:
-        if isinstance(opened, OpenTable):
-            if opened.compensated:
-                raise RecordingError(opened.compensated)
-        else:
-            bag = opened.bag
-            if bag.named(output_topic):
-                raise OutputError(
-                    f'{bag.name} holds {output_topic} already; name another topic for the output.'
-                )
+        if isinstance(opened, OpenBag):
             copy = Output(name='copy of a bag (a folder)', endings='nothing')
+            if opened.bag.named(output_topic):
+                raise OutputError(
+                    f'{opened.name} holds {output_topic} already; name another topic for the '
+                    'output.'
+                )
+        elif opened.compensated:
+            raise RecordingError(opened.compensated)
     copy.check_target(target, [source, *others])
     return copy
 
