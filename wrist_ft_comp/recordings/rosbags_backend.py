@@ -9,7 +9,7 @@ import sqlite3
 from typing import Any
 
 from rosbags import rosbag2
-from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat, Nodetype
+from rosbags.interfaces import MessageDefinitionFormat, Nodetype
 from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
@@ -95,8 +95,7 @@ def write_bag(folder: Path, storage: str) -> Iterator[BagWriter]:
 
 def _add_topic(writer: rosbag2.Writer, like: Connection, topic: str, kind: str) -> Any:
     """Add a topic with the quality of service of another, and its definition or a standard one."""
-    extra, store = like.native.ext, get_typestore(Stores.ROS2_JAZZY)
-    qos = extra.offered_qos_profiles if isinstance(extra, ConnectionExtRosbag2) else []
+    qos, store = like.native.ext.offered_qos_profiles, get_typestore(Stores.ROS2_JAZZY)
     if kind != like.msgtype:
         return writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=qos)
     # Older and bare bags lack the definition or its hash; nobody can describe some types.
