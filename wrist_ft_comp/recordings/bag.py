@@ -150,8 +150,6 @@ def translated(name: str) -> Iterator[None]:
 
 #: Gravity by TF is computed once in this time, ns.
 _STEP_NS = NANOSECONDS // 50
-#: Steps after a transform in which it may be used: until a gap would begin.
-_STEPS = np.arange(GAP_NS // _STEP_NS)
 
 
 @dataclass(eq=False)
@@ -297,7 +295,8 @@ def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
     last_step, found = 0, False
     for batch in chain(bag.batches(moving), [[]]):
         steps = np.unique(_add_transforms(bag, gravity, batch) // _STEP_NS)
-        due = np.union1d(due, np.add.outer(steps, _STEPS))
+        # A transform may be used in the steps after it, until a gap would begin.
+        due = np.union1d(due, np.add.outer(steps, np.arange(GAP_NS // _STEP_NS)))
         settled_ns = gravity.settled_ns() if batch else None
         now = due * _STEP_NS <= (settled_ns or np.iinfo(np.int64).max) - _STEP_NS // 2
         steps, due = due[now & (due > last_step)], due[~now]
