@@ -21,8 +21,7 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
         text = (chosen / 'metadata.yaml').read_text(encoding='utf-8')
         mode = yaml.safe_load(text)['rosbag2_bagfile_information'].get('compression_mode') or ''
         compression = '' if mode.lower() == 'none' else mode.lower()
-    reader = _reader(chosen, compression)
-    stack.callback(_close, reader)
+    reader = _reader(chosen, compression, stack)
     metadata = reader.get_metadata()
     counts = {t.topic_metadata.name: t.message_count for t in metadata.topics_with_message_count}
     topics = {
@@ -38,10 +37,11 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
         define=lambda topic: define_installed(topic.topic, topic.msgtype))  # fmt: skip
 
 
-def _reader(chosen: Path, compression: str) -> Any:
+def _reader(chosen: Path, compression: str, stack: ExitStack) -> Any:
     kind = rosbag2_py.SequentialCompressionReader if compression else rosbag2_py.SequentialReader
     reader = kind()
     reader.open(rosbag2_py.StorageOptions(uri=str(chosen)), rosbag2_py.ConverterOptions('', ''))
+    stack.callback(_close, reader)
     return reader
 
 
@@ -55,15 +55,12 @@ def _read(
     chosen: Path, compression: str, topics: dict[str, Connection], wanted: Sequence[Connection]
 ) -> Iterator[Message]:
     """Read the messages of some topics, from the beginning."""
-    reader = _reader(chosen, compression)
-    try:
+    with ExitStack() as stack:
+        reader = _reader(chosen, compression, stack)
         reader.set_filter(rosbag2_py.StorageFilter(topics=[topic.topic for topic in wanted]))
-        has_next, read_next = reader.has_next, reader.read_next
-        while has_next():
-            name, data, time_ns = read_next()
+        while reader.has_next():
+            name, data, time_ns = reader.read_next()
             yield topics[name], time_ns, data
-    finally:
-        _close(reader)
 
 
 @contextmanager
