@@ -1,6 +1,8 @@
 """Bags of every storage and compression, whole, cut off and wrong."""
 
+from contextlib import closing
 import shutil
+import sqlite3
 
 from bag_samples import read
 import numpy as np
@@ -148,6 +150,16 @@ def test_messages_still_in_the_write_ahead_log_are_not_silently_lost(make_bag):
     for which in (path, path / 'bag.db3'):
         with pytest.raises(RecordingError, match=r'bag.db3-wal holds messages.*wal_checkpoint'):
             read(which)
+
+
+@by_rosbags
+def test_a_second_publisher_that_sent_nothing_is_no_doubt(make_bag):
+    file = make_bag(count=100) / 'bag.db3'
+    with closing(sqlite3.connect(file)) as database, database:
+        (silent,) = database.execute("SELECT * FROM topics WHERE name = '/wrench_raw'")
+        marks = ', '.join('?' * len(silent[1:]))
+        database.execute(f'INSERT INTO topics VALUES (9, {marks})', silent[1:])  # noqa: S608
+    assert len(read(file)[0][AXES][0]) == 100
 
 
 @by_rosbags

@@ -121,9 +121,10 @@ class Bag:
                     f'{connection.topic} of {self.name} is {connection.msgtype}; the {role} must '
                     f'be {message_type}. Name another topic{inside}.'
                 )
-        if not any(connection.msgcount for connection in found):
+        holding = [connection for connection in found if connection.msgcount]
+        if not holding:
             raise RecordingError(f'{name} of {self.name} holds no messages; was it published?')
-        return found
+        return holding
 
 
 #: Two functions that write a bag. The first adds a topic like a connection, by name and type,
