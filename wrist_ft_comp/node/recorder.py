@@ -86,12 +86,9 @@ class OwnRecording:
                 return
             self.error = None
             self.rows += 1
-            for channel, value in zip(channels, values, strict=True):
-                if math.isnan(value):
-                    self.lacking[channel] += 1
-                    self.lacked[channel] += 1
-                    continue
-                self.lacking[channel] = 0
+            absent = [name for name, v in zip(channels, values, strict=True) if math.isnan(v)]
+            self.lacked.update(absent)
+            self.lacking = Counter({name: self.lacking[name] + 1 for name in absent})
 
 
 class Recorder(Part):
@@ -203,27 +200,24 @@ class Recorder(Part):
 
     def on_cells(self, cells: Sequence[grid.ThermalCell], _stamp_ns: int) -> None:
         """Take the temperatures of thermal cells, which the live model may have made longer."""
-        if not self._running:
-            return
-        thermal_ns = self._compensator.tracker.grid.period_ns
-        if thermal_ns != self.period_ns:
-            middles = [cell.number * thermal_ns + thermal_ns // 2 for cell in cells]
-            cells = [
-                replace(cell, number=middle_ns // self.period_ns)
-                for cell, middle_ns in zip(cells, middles, strict=True)
-            ]
+        thermal_ns, own_ns = self._compensator.tracker.grid.period_ns, self.period_ns
+        own = [
+            replace(cell, number=(cell.number * thermal_ns + thermal_ns // 2) // own_ns)
+            for cell in cells
+        ]
         for recording in self._running:
-            recording.averager.add_cells(cells)
+            recording.averager.add_cells(own)
         self.poll()
 
     def poll(self) -> None:
         """Write the rows there are; a full disk ends a recording, not the stream."""
         for recording in self._running:
             recording.write(self.channels, recording.averager.rows())
-        if self.current is not None and self.current.error is not None:
-            self.failure = self._ended(str(self.current.error), self.current.rows)
+        current = self.current
+        if current is not None and current.error is not None:
+            self.failure = self._ended(str(current.error), current.rows)
             self.hub.log.error(self.failure)
-            self._close()
+            self._close(current)
 
     @service(
         '~/record', "starts (data: true) or ends (data: false) the node's own recording", SetBool
@@ -235,7 +229,7 @@ class Recorder(Part):
         if (recording := self.current) is None:
             raise RecordingError(self.failure or 'No recording runs. Start one with ~/record.')
         problems: list[str] = []
-        self._close(problems.append)
+        self._close(recording, problems.append)
         while not problems:
             yield
         if problem := str(recording.error or problems[0]):
@@ -295,14 +289,13 @@ class Recorder(Part):
             self._store.mark_recording(self.path)
             return CsvRecordingWriter(self.path, self._columns())
 
-    def _close(self, then: Callable[[str], None] | None = None) -> None:
+    def _close(self, recording: OwnRecording, then: Callable[[str], None] | None = None) -> None:
         """End the recording of ``~/record``; ``then`` gets why its file could not be closed."""
-        recording, self.current = self.current, None
-        if recording is not None:
-            self.hub.destroy_subscription(self._reference)
-            self.finish(recording)
-            self._store.mark_recording(None)
-            self._writer.put(str(self.path), recording.writer.close, then)
+        self.current = None
+        self.hub.destroy_subscription(self._reference)
+        self.finish(recording)
+        self._store.mark_recording(None)
+        self._writer.put(str(self.path), recording.writer.close, then)
 
     def _ended(self, problem: str, rows: int) -> str:
         return (
@@ -318,4 +311,4 @@ class Recorder(Part):
                 said = f'recorded {recording.rows} thermal cells into {self.path}'
                 self.hub.log.write(ERROR if problem else OK, problem or said)
 
-            self._close(report)
+            self._close(recording, report)
