@@ -231,8 +231,7 @@ class WrenchInput(Part):
                 message += f': they are {why_unusable(AXES[0], counts.strange)}'
             yield Status(self.title, WARN, message, numbers)
         elif not rate_hz:
-            incompatible = self.hub.incompatible.get('wrench_raw', '')
-            why = why_silent(self.hub, topic, WRENCH, incompatible)
+            why = why_silent(self.hub, 'wrench_raw', WRENCH)
             yield Status(self.title, STALE, f'no raw wrenches arrive: {why}', numbers)
         else:
             well = f'{rate_hz:.0f} wrenches per second'

@@ -130,9 +130,7 @@ class Thermometer:
     topic: str
     #: When it reported last, by the steady clock.
     heard_s: float | None = None
-    #: Whether its newest reading had a stamp; None where the type has none.
-    stamped: bool | None = True
-    #: Its newest stamp, ns, and reading, °C.
+    #: Its newest stamp, ns, 0 where it was not filled, None where the type has none; reading, °C.
     newest: tuple[int | None, float] = (None, math.nan)
 
 
@@ -151,8 +149,6 @@ class TemperatureInput(Part):
     unusable: int = 0
     #: Thermometer and value, °C, of the newest unusable reading.
     _last_unusable: tuple[int, float] | None = None
-    #: Stamp of the newest usable reading, ns.
-    _stamp_ns: int = 0
     _growth: Growth = field(default_factory=Growth)
     #: Stamp of the wrench that was compared last, ns.
     _compared_ns: int | None = None
@@ -194,9 +190,7 @@ class TemperatureInput(Part):
             thermometer, at_ns, temperature_c, newest and newest[:2], arrival_ns
         )
         self.usable += 1
-        self._stamp_ns = at_ns
         heard.heard_s = time.monotonic()
-        heard.stamped = None if stamp_ns is None else stamp_ns != 0
         if cells:
             self.hub.broadcast('on_cells', cells, at_ns)
 
@@ -288,7 +282,7 @@ class TemperatureInput(Part):
                 yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
         for mixed in filter(None, (topic.frames.mixed for topic in self.by_topic)):
             yield f'temperatures of {mixed}; let the driver publish each on a topic of its own'
-        if unstamped := [j for j, t in enumerate(self.thermometers) if t.stamped is False]:
+        if unstamped := [j for j, t in enumerate(self.thermometers) if t.newest[0] == 0]:
             yield (
                 f'thermometer {_numbers(unstamped)} does not stamp its readings; the time of '
                 'arrival is taken'
@@ -313,8 +307,7 @@ class TemperatureInput(Part):
                 yield f'thermometer {j + 1}: {problems[j]}; {effect}'
             elif heard_s is None:
                 wanted = '' if thermometer.source.path else TEMPERATURE
-                incompatible = self.hub.incompatible.get(thermometer.source.topic, '')
-                why = ros_topics.why_silent(self.hub, thermometer.topic, wanted, incompatible)
+                why = ros_topics.why_silent(self.hub, thermometer.source.topic, wanted)
                 yield f'thermometer {j + 1} has not reported: {why}; {effect}'
             else:
                 spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS

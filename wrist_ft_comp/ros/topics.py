@@ -144,21 +144,17 @@ def wrong_type(node: Node, topic: str, wanted: str) -> str:
     return f'{topic} carries {short(types[0])}, not {short(wanted)}'
 
 
-def why_silent(node: Node, topic: str, wanted: str, incompatible: str) -> str:
-    """
-    Say why no message, of a wanted type or any, comes on a topic, and which one may be meant.
-
-    ``incompatible`` is what is known of the quality of service of a publisher.
-    """
-    if node.count_publishers(topic):
-        said = wrong_type(node, topic, wanted) if wanted else ''
-        silent = f'the publisher of {topic} sends nothing; is the sensor running?'
-        return incompatible or said or silent
-    own = {publisher.topic_name for publisher in node.publishers}
+def why_silent(hub: Any, name: str, wanted: str) -> str:
+    """Say why no message, of a wanted type or any, comes on a topic; which one may be meant."""
+    topic = hub.resolve_topic_name(name)
+    if hub.count_publishers(topic):
+        said: str = hub.incompatible.get(name) or (wanted and wrong_type(hub, topic, wanted))
+        return said or f'the publisher of {topic} sends nothing; is the sensor running?'
+    own = {publisher.topic_name for publisher in hub.publishers}
     others = [
-        name
-        for name, types in node.get_topic_names_and_types()
-        if name not in own and (not wanted or wanted in types) and node.count_publishers(name)
+        other
+        for other, types in hub.get_topic_names_and_types()
+        if other not in own and (not wanted or wanted in types) and hub.count_publishers(other)
     ]
     similarity = 0.0 if wanted else _LEAST_SIMILARITY
     alike = difflib.get_close_matches(topic, others, 1, similarity)

@@ -401,7 +401,7 @@ class TestTemperature:
         node.warm(0, 30.0)
         words = 'thermometer 1 does not stamp its readings; the time of arrival is taken'
         warns(node, 'temperature', words)
-        assert node.node.inputs._stamp_ns > START
+        assert node.node.compensator.tracker.clocks._clocks[0].kept.stamp_ns > START
         node.node.count_publishers = lambda _: 2
         warns(node, 'temperature', 'thermometer 1 has 2 publishers; their readings are mixed')
 

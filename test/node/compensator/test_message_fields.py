@@ -133,7 +133,7 @@ def test_a_field_over_dds_moves_the_drift_and_wakes_no_executor(wired, make_mode
 
         def arrived(second=second):
             state.publish(battery(23.0, second))
-            return inputs._stamp_ns == START + second * SECOND
+            return inputs.thermometers[0].newest[0] == START + second * SECOND
 
         node.wait_until(arrived, 'the temperature')
     assert node.topic('state') not in [s.topic_name for s in node.node.subscriptions]
