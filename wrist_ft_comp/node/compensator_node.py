@@ -129,12 +129,8 @@ class CompensatorNode(Hub):
         )
         self.specific_force = force = SpecificForceInput(chosen, stream)
         self.wrench_input = WrenchInput(counts, stream)
-        self.inputs = TemperatureInput(
-            self.thermometers, stream, counts, force, live, self.state_keeper
-        )
-        self.recorder = Recorder(
-            stream, self.sensor, store, writer, with_force=force.source != 'none'
-        )
+        self.inputs = TemperatureInput(self.thermometers, live, force, self.state_keeper)
+        self.recorder = Recorder(live, with_force=force.source != 'none')
         self.external = ExternalWrench(stream, PayloadChoice(live, force), force, counts)
         self.tare = TareService(stream, self.external, self.wrench_input, self.state_keeper)
         self.jobs = Jobs(live, self.recorder, self.external, self.full_topics)

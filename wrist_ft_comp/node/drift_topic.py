@@ -1,7 +1,6 @@
 """The part that publishes ~/drift and ~/correction, and judges what is subtracted."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 import math
 import time
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.node.raw_wrench import Counts, is_silent
-from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, Status
+from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, Status, WARN
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.compensator import Compensator
@@ -99,11 +98,9 @@ class DriftTopic(Part):
             }
         for axis, share in zip(AXES, stream.compensation.sensitivity, strict=True):
             numbers[f'{axis}_sensitivity'] = f'{100 * share:.3g} %'
-        status = doubtful(
-            self.title, self._doubts(grown['failed'], rival, comes=comes), 'compensated', numbers
-        )
-        is_error = grown['failed'] or stream.limits.too_large
-        yield replace(status, level=ERROR) if is_error else status
+        doubts = self._doubts(grown['failed'], rival, comes=comes)
+        level = ERROR if grown['failed'] or stream.limits.too_large else WARN
+        yield doubtful(self.title, doubts, 'compensated', numbers, level)
 
     def _doubts(self, failed: int, rival: str, *, comes: bool) -> Iterator[str]:
         """Say what is wrong with what is published, the worst first."""

@@ -93,10 +93,8 @@ class Jobs(Part):
     )
     def calibrate(self, _: Any) -> Work:
         """Wait for the process, make its model live, and wait until that is remembered."""
-        job = self.job()
-        outcome = yield from run_job(job)
-        path, sha256, document = (outcome[name] for name in ('path', 'sha256', 'document'))
-        model = restore_model(Path(path), sha256, document)
+        outcome = yield from run_job(self.job())
+        model = restore_model(Path(outcome['path']), outcome['sha256'], outcome['document'])
         self.live.take(model, why='a person called ~/calibrate')
         return (yield from self.live.kept(outcome['message']))
 

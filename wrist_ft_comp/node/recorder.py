@@ -16,21 +16,19 @@ from wrist_ft_comp.channels import (
     FORCE_CHANNELS,
     LARGEST,
     REFERENCE_CHANNELS,
-    SensorNames,
     temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.learning.day_files import go_on, span_of
+from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
 from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.services import service, warned, Work
 from wrist_ft_comp.ros.topics import FAST_SENSOR
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.node_folder import NodeFolder
 from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter, origin_column
-from wrist_ft_comp.stored.safe_file import FileWriter, writing
+from wrist_ft_comp.stored.safe_file import writing
 from wrist_ft_comp.stream import thermal_cells as grid
-from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.
@@ -97,22 +95,19 @@ class Recorder(Part):
 
     While none runs, it hears no wrenches, and no reference wrench while that of ``~/record`` does
     not. Its cells have the length that thermal cells have without a model, and keep it, whichever
-    model goes live. ``sensor`` gives the names of the sensor; ``writer`` waits for the disk.
+    model goes live.
     """
 
     title = 'recording'
     topics = (('wrench_reference', 'true wrench; subscribed to while recording only'),)
 
-    def __init__(
-        self, compensator: Compensator, sensor: Callable[[], SensorNames], store: NodeFolder,
-        writer: FileWriter, *, with_force: bool,
-    ) -> None:  # fmt: skip
-        self._compensator, self._with_force = compensator, with_force
-        self._store, self._writer, self.sensor = store, writer, sensor
+    def __init__(self, live: LiveModel, *, with_force: bool) -> None:
+        self._compensator, self._with_force = live.compensator, with_force
+        self._store, self._writer, self.sensor = live.store, live.writer, live.sensor
         #: Names of a row's values.
-        self.channels = grid.row_channels(compensator.thermometers, with_force=with_force)
+        self.channels = grid.row_channels(live.compensator.thermometers, with_force=with_force)
         #: Length of a row's cell, s and ns.
-        self.period_s = compensator.settings.thermal_period_s
+        self.period_s = live.compensator.settings.thermal_period_s
         self.period_ns = round(NANOSECONDS * self.period_s)
         self._running: list[OwnRecording] = []
         #: That of ``~/record``, its file, or that of the last one, and its subscription.

@@ -10,7 +10,7 @@ from typing import Any
 from wrist_ft_comp.channels import is_plausible, temperature_channel, why_unusable
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.raw_wrench import age, Counts, RecentFrames
+from wrist_ft_comp.node.raw_wrench import age, RecentFrames
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.warm_restart import StateKeeper
 from wrist_ft_comp.ros import topics as ros_topics
@@ -19,7 +19,6 @@ from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.clock import ClockComparison
-from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.drift_warnings import frozen_doubts, gap_doubts, seldom_doubts
 from wrist_ft_comp.units import other_unit, UNIT_REMEDY
 from wrist_ft_comp.wire import numbers_in_messages as in_messages
@@ -139,10 +138,8 @@ class TemperatureInput(Part):
     """Gives temperatures to the stream, and judges the thermometers, which count from 0."""
 
     thermometers: Sequence[Thermometer]
-    compensator: Compensator
-    counts: Counts
-    specific_force: SpecificForceInput
     live: LiveModel
+    specific_force: SpecificForceInput
     state_keeper: StateKeeper
     #: Usable temperatures of all thermometers, and those that no sensor reads.
     usable: int = 0
@@ -158,7 +155,7 @@ class TemperatureInput(Part):
 
     def start(self) -> None:
         """Subscribe to every thermometer."""
-        self._tracker, self._comparison = self.compensator.tracker, ClockComparison()
+        self._tracker, self._comparison = self.live.compensator.tracker, ClockComparison()
         by_topic: defaultdict[str, dict[int, TemperatureSource]] = defaultdict(dict)
         for j, thermometer in enumerate(self.thermometers):
             by_topic[thermometer.topic][j] = thermometer.source
@@ -180,13 +177,13 @@ class TemperatureInput(Part):
         if stamp_ns and (stamp_ns, temperature_c) == heard.newest:
             return  # sent again until there is another one
         heard.newest = stamp_ns, temperature_c
-        at_ns, newest = stamp_ns or self.hub.now_ns(), self.counts.newest
+        at_ns, newest = stamp_ns or self.hub.now_ns(), self.live.counts.newest
         arrival_ns = self._arrival_ns()
         came_ns, period_ns = arrival_ns or self.hub.now_ns(), self._tracker.grid.period_ns
         self._comparison.note(heard.topic, at_ns, came_ns, period_ns / NANOSECONDS)
         # Specific force that came before this would else be too late for the recording's cell.
         self.hub.do(self.specific_force, self.specific_force.poll)
-        cells = self.compensator.add_temperature(
+        cells = self.live.compensator.add_temperature(
             thermometer, at_ns, temperature_c, newest and newest[:2], arrival_ns
         )
         self.usable += 1
@@ -196,7 +193,7 @@ class TemperatureInput(Part):
 
     def poll(self) -> None:
         """Take temperatures that are fields of messages, and compare clocks."""
-        newest, before_ns = self.counts.newest, self._compared_ns
+        newest, before_ns = self.live.counts.newest, self._compared_ns
         if newest is not None and newest[0] != before_ns:
             self._compared_ns = newest[0]
             self._comparison.note_wrench(newest[0], self._arrival_ns() or self.hub.now_ns())
@@ -244,7 +241,7 @@ class TemperatureInput(Part):
             )
         yield from self._tracker.thermometer_doubts
         yield from frozen_doubts(self._tracker)
-        yield from seldom_doubts(self._tracker, self.compensator.moves)
+        yield from seldom_doubts(self._tracker, self.live.compensator.moves)
         yield from gap_doubts(self._tracker)
         yield from self._silence()
         if 0 < grown['rejected'] >= grown['usable']:  # of whole seconds, one counts
@@ -290,14 +287,14 @@ class TemperatureInput(Part):
 
     def _silence(self) -> Iterator[str]:
         """Say which thermometers can't be read or are silent, and why, where that is known."""
-        limit_s = self.compensator.settings.temperature_timeout_s
+        limit_s = self.live.compensator.settings.temperature_timeout_s
         problems = {
             j: topic.trouble or topic.problems.get(j, '')
             for topic in self.by_topic
             for j in topic.sources
         }
         drift = 'nothing is compensated until then'
-        if self.compensator.compensating:
+        if self.live.compensator.compensating:
             drift = 'drift is held'
         silent, grid = [], self._tracker.grid
         for j, thermometer in enumerate(self.thermometers):

@@ -37,10 +37,12 @@ class Status:
     doubts: tuple[str, ...] = ()
 
 
-def doubtful(name: str, doubts: Iterable[str], well: str, values: dict[str, str]) -> Status:
+def doubtful(
+    name: str, doubts: Iterable[str], well: str, values: dict[str, str], level: bytes = WARN
+) -> Status:
     """Make a status of all doubts, the worst first; ``well`` is its message without doubts."""
     found = tuple(doubts)
-    return Status(name, WARN if found else OK, '; '.join(found) or well, values, found)
+    return Status(name, level if found else OK, '; '.join(found) or well, values, found)
 
 
 class Growth:

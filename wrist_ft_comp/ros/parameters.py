@@ -190,8 +190,7 @@ def usage(
         lines += [title, *(entry(end, f'{purpose}.') for end, purpose in purposes.items()), '']
     lines.append('parameters (-p, or --params-file FILE); * may change while the node runs:')
     for row in table:
-        default: Any = list(row.default) if isinstance(row.default, tuple) else row.default
-        text = f'{row.description} Must be {row.allowed}; default: {json.dumps(default)}.'
+        text = f'{row.description} Must be {row.allowed}; default: {json.dumps(row.default)}.'
         lines.append(entry(f'{row.name}{"" if row.read_only else " *"}', text))
     return '\n'.join([*lines, ''])
 
