@@ -1,6 +1,6 @@
 """The part that publishes the wrench without drift and payload, and judges the weight."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 import math
 import time
@@ -163,7 +163,7 @@ class ExternalWrench(Part):
     def _hold(self, payload: LivePayload | None) -> None:
         """Subtract a payload from now on; a tare that was taken with another rotation is reset."""
         now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
-        if payload is not None or self.payload is not None:
+        if payload or self.payload:
             self.hub.log.info(f'payload: {now}')
         self.payload = payload
         # Poses between two grips are too few to judge one: what is known of a payload stays.
@@ -193,8 +193,10 @@ class ExternalWrench(Part):
 
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
-        payload, count = self.payload, self.specific_force.forces.count
-        grown, elapsed_s = self._growth.since(forces=count, came=self.came, missed=self.missed)
+        payload, forces, newest = self.payload, self.specific_force.forces, self.counts.newest
+        grown, elapsed_s = self._growth.since(
+            forces=forces.count, came=self.came, missed=self.missed
+        )
         numbers = {
             'active': str(payload or 'none'),
             'turn': 'none' if payload is None else payload.turn,
@@ -202,10 +204,13 @@ class ExternalWrench(Part):
         }
         for axis, value in zip(AXES, self.compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
-        doubts = list(self._doubts(grown))
-        newest = self.counts.newest if grown['came'] else None
-        force = newest and self.specific_force.forces.at(newest[0])
-        if payload is not None and newest is not None and force is not None:
+        came = max(grown['came'], 1)
+        doubts = list(filter(None, [self.specific_force.doubt()]))
+        if self.wanted:
+            doubts += self.specific_force.timing_doubts(
+                newest and newest[0], grown['missed'] / came, grown['forces'] / came
+            )
+        if payload and newest and grown['came'] and (force := forces.at(newest[0])):
             wrench = np.array(self.compensator.correct(*newest[:2], external=True))
             weight = np.array(payload.weight(force))
             for axis, value in zip(AXES, wrench - weight, strict=True):
@@ -216,7 +221,7 @@ class ExternalWrench(Part):
             well = f'identifying a payload: {self.collector.share:.0%} of a minute'
         elif payload is not None:
             well = f'subtracting {payload.name}'
-        wrong = list(self._weight_doubts(payload)) if self.wanted else []
+        wrong = list(self._weight_doubts()) if self.wanted else []
         self.wrong = wrong[0] if wrong and payload is not None else ''
         late = self.check.found or time.monotonic() - self.tared_s < _JUDGED_S
         if wrong and late and self.compensator.external_tare.any():
@@ -249,21 +254,10 @@ class ExternalWrench(Part):
                 'payload.active was empty: if it was mounted then, call ~/tare'
             )
 
-    def _doubts(self, grown: Mapping[str, int]) -> Iterator[str]:
-        """Say what is wrong with payload and specific force, the worst first."""
-        yield from filter(None, [self.specific_force.doubt()])
-        if not self.wanted:
-            return
-        wrench_ns = None if self.counts.newest is None else self.counts.newest[0]
-        missed_share = grown['missed'] / max(grown['came'], 1)
-        yield from self.specific_force.timing_doubts(
-            wrench_ns, missed_share, grown['forces'] / max(grown['came'], 1)
-        )
-
-    def _weight_doubts(self, payload: LivePayload | None) -> Iterator[str]:
+    def _weight_doubts(self) -> Iterator[str]:
         """Say why the weight is wrong that is taken off, or is to be identified."""
-        frame = ForceFrame() if payload is None else payload.frame
-        yield from self.specific_force.value_doubts(frame)
+        payload = self.payload
+        yield from self.specific_force.value_doubts(payload.frame if payload else ForceFrame())
         if payload is None:
             return
         if self._before:
