@@ -105,10 +105,9 @@ class TareService(Part):
                 'readings never change, needs no tare: do not call it there. Where the steps of '
                 'the sensor are coarse, raise tare.duration.'
             )
-        weights, why, weight = [one for one in self._weights if one is not None], '', None
-        if otherwise := self.external.wrong:
-            why = otherwise
-            if otherwise == self.external.check.found:
+        weights, weight = [one for one in self._weights if one is not None], None
+        if why := self.external.wrong:
+            if why == self.external.check.found:
                 why += '; when that is mended, turn the tool about until the status says so'
         elif self.external.payload is not payload:
             why = 'payload.active changed meanwhile'

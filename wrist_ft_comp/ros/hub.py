@@ -35,9 +35,7 @@ DIAGNOSTICS_PERIOD_S = 1.0
 #: The node waits for this time at its end, s, so that callers take the last answers.
 FAREWELL_S = 0.5
 #: Verbs that the hub calls only for parts that define them.
-_VERBS = (
-    'on_cells', 'on_specific_force', 'check_parameters', 'apply_parameters', 'poll',
-)  # fmt: skip
+_VERBS = ('on_cells', 'on_specific_force', 'check_parameters', 'apply_parameters', 'poll')
 #: Three numbers of the axes x, y and z.
 Vector: TypeAlias = tuple[float, float, float]
 
