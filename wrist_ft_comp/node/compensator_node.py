@@ -17,7 +17,7 @@ from wrist_ft_comp.node.job_services import Jobs
 from wrist_ft_comp.node.learner import Learner
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.payload_choice import PayloadChoice
-from wrist_ft_comp.node.raw_wrench import Counts, is_silent, raw_topic, WrenchInput
+from wrist_ft_comp.node.raw_wrench import Counts, is_silent, WrenchInput
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.tare import TareService
@@ -104,7 +104,13 @@ class CompensatorNode(Hub):
         self.thermometers = [
             Thermometer(source, self.resolve_topic_name(source.topic)) for source in sources
         ]
-        self._raw_topic = raw_topic(self)
+        self._raw_topic = self.resolve_topic_name('wrench_raw')
+        for output in ('wrench', 'wrench_external'):
+            if self._raw_topic == self.resolve_topic_name(output):
+                raise SettingsError(
+                    f'wrench_raw and {output} are both {self._raw_topic}: the node would hear '
+                    f"itself. Remap wrench_raw to the driver's topic, and {output} to another."
+                )
         name = self.get_fully_qualified_name()
         self.store = NodeFolder(node_directory(chosen['data_directory'], name))
         self.counts = Counts()
@@ -167,8 +173,7 @@ class CompensatorNode(Hub):
         except Exception as error:  # the next wrench goes on; a new fault is logged once
             fault = f'{type(error).__name__}: {error}'
             if fault != counts.fault:
-                trace = ''.join(traceback.format_exception(error))
-                self.log.write(ERROR, f'A wrench was lost:\n{trace}')
+                self.log.write(ERROR, f'A wrench was lost:\n{traceback.format_exc()}')
             counts.failed, counts.fault = counts.failed + 1, fault
 
     def hardware_id(self) -> str:

@@ -219,17 +219,16 @@ class LiveModel(Part):
             raise SettingsError('There is no earlier model to go back to; nothing changes.')
         before, live = standing[-2:]
         path, left = history[before].path, history[live].path
+        # Withdrawn also where it cannot be used, or those before it could never be reached.
+        history[before] = replace(history[before], withdrawn=True)
         try:
             self._make_live(None if path is None else self.load(path))
         except WristFtCompError as error:
-            # Withdrawn, or those before it could never be reached.
-            history[before] = replace(history[before], withdrawn=True)
             self._remember()
             raise SettingsError(
                 f'{error} The running model stays; call again for the model before that one.'
             ) from error
-        for n in (before, live):
-            history[n] = replace(history[n], withdrawn=True)
+        history[live] = replace(history[live], withdrawn=True)
         names = [one.name if one else 'no model' for one in (left, path)]
         self._write_down(
             f'a person went back from {names[0]} to {names[1]} with ~/rollback', 'back'

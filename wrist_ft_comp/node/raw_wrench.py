@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, why_unusable
-from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.topics import why_silent
@@ -80,18 +79,6 @@ class Counts:
 def age(at_s: float | None) -> str:
     """Write how long ago a time of the steady clock was, s."""
     return 'never' if at_s is None else f'{time.monotonic() - at_s:.1f}'
-
-
-def raw_topic(hub: Hub) -> str:
-    """Give the topic of the raw wrench; SettingsError where the node would hear itself."""
-    topic = hub.resolve_topic_name('wrench_raw')
-    for name in ('wrench', 'wrench_external'):
-        if topic == hub.resolve_topic_name(name):
-            raise SettingsError(
-                f'wrench_raw and {name} are both {topic}: the node would hear itself. Remap '
-                f"wrench_raw to the driver's topic, and {name} to another."
-            )
-    return topic
 
 
 def is_silent(hub: Hub, stream: Compensator) -> bool:

@@ -49,7 +49,6 @@ class TemperatureTopic:
         self._is_plain = not all(source.path for source in sources.values())
         #: Of the messages that are subscribed to; empty while none are.
         self._type = ''
-        self._definitions: in_messages.Definitions = {}
         #: Where messages wait for ``poll``, if they do.
         self._kept: Any = None
         if self._is_plain:
