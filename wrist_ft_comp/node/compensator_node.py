@@ -153,10 +153,6 @@ class CompensatorNode(Hub):
         counts = self.counts
         try:
             layout = locate(data, WRENCH_DOUBLES)
-        except RecordingError:
-            counts.dropped, counts.strange = counts.dropped + 1, None
-            return
-        try:
             stamp_ns, raw = layout.decode(data)
             # One comparison for six numbers; false for NaN.
             if not math.hypot(*raw) < LARGEST and not self.wrench_input.admits(raw):
@@ -170,6 +166,8 @@ class CompensatorNode(Hub):
             counts.before, counts.newest = counts.newest, (stamp_ns, raw, data)
             for part in self._listeners:
                 self.do(part, part.on_wrench, stamp_ns, raw, data, layout)
+        except RecordingError:  # its bytes are no wrench
+            counts.dropped, counts.strange = counts.dropped + 1, None
         except Exception as error:  # the next wrench goes on; a new fault is logged once
             fault = f'{type(error).__name__}: {error}'
             if fault != counts.fault:

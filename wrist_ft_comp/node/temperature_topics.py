@@ -1,6 +1,5 @@
 """Thermometers: sensor_msgs/Temperature, or numbers in messages of any type, taken and judged."""
 
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 import math
@@ -155,9 +154,9 @@ class TemperatureInput(Part):
     def start(self) -> None:
         """Subscribe to every thermometer."""
         self._tracker, self._comparison = self.live.compensator.tracker, ClockComparison()
-        by_topic: defaultdict[str, dict[int, TemperatureSource]] = defaultdict(dict)
+        by_topic: dict[str, dict[int, TemperatureSource]] = {}
         for j, thermometer in enumerate(self.thermometers):
-            by_topic[thermometer.topic][j] = thermometer.source
+            by_topic.setdefault(thermometer.topic, {})[j] = thermometer.source
         self.by_topic = [
             TemperatureTopic(self, topic, sources) for topic, sources in by_topic.items()
         ]
