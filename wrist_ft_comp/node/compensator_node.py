@@ -196,14 +196,13 @@ class CompensatorNode(Hub):
 
     def full_topics(self) -> Topics:
         """Collect the full names of topics, for a job."""
-        sensor, chosen = self.sensor(), self.chosen()
-        source = chosen['gravity.source']
+        source = self.specific_force.source
         return Topics(
-            sensor['wrench_topic'][0],
-            tuple(sensor['temperature_topics']),
+            self._raw_topic,
+            tuple(self.sensor()['temperature_topics']),
             self.resolve_topic_name('wrench_reference'),
             self.resolve_topic_name('imu') if source == 'imu' else '',
-            chosen['gravity.frame'] if source == 'tf' else '',
+            self.chosen()['gravity.frame'] if source == 'tf' else '',
             *self.specific_force.frames(),
         )
 

@@ -204,12 +204,9 @@ class ExternalWrench(Part):
         }
         for axis, value in zip(AXES, self.compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
-        came = max(grown['came'], 1)
         doubts = list(filter(None, [self.specific_force.doubt()]))
         if self.wanted:
-            doubts += self.specific_force.timing_doubts(
-                newest and newest[0], grown['missed'] / came, grown['forces'] / came
-            )
+            doubts += self.specific_force.timing_doubts(newest and newest[0], grown)
         if payload and newest and grown['came'] and (force := forces.at(newest[0])):
             wrench = np.array(self.compensator.correct(*newest[:2], external=True))
             weight = np.array(payload.weight(force))

@@ -1,7 +1,7 @@
 """The part that takes specific force from an IMU or from TF, and hands it to all parts."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 import math
 from typing import Any
@@ -258,16 +258,14 @@ class SpecificForceInput(Part):
         is_waiting = self.source == 'tf' and self._handed_out_ns is None and self._tree.lower
         return self._tree.missing() if is_waiting else ''
 
-    def timing_doubts(
-        self, wrench_ns: int | None, missed_share: float, per_wrench: float
-    ) -> Iterator[str]:
+    def timing_doubts(self, wrench_ns: int | None, grown: Mapping[str, int]) -> Iterator[str]:
         """
         Say that specific force is missing, of another clock, or seldom; once a report.
 
-        Takes the stamp of the newest wrench, ns, the share of wrenches that had none, and how many
-        came for each wrench since the last report.
+        Takes the stamp of the newest wrench, ns, and how many ``forces`` and wrenches ``came``
+        since the last report, and how many of these ``missed`` a force.
         """
-        is_new = per_wrench > 0
+        is_new, wrenches = grown['forces'] > 0, max(grown['came'], 1)
         newest, rests = self.forces.newest, 'wrench_external rests'
         if newest is None:
             yield f'{self.problem() or "no specific force has come"}; {rests}'
@@ -276,14 +274,14 @@ class SpecificForceInput(Part):
             self._felt.append(newest[1])
         else:
             self._felt.clear()
-        if missed_share > _MISSED_SHARE and wrench_ns is not None:
+        if grown['missed'] / wrenches > _MISSED_SHARE and wrench_ns is not None:
             apart_s = abs(wrench_ns - newest[0]) / NANOSECONDS
             if apart_s > FORCE_APART_S and is_new:
                 yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
             else:
                 yield f'specific force is older than gravity.timeout, or stays away; {rests}'
         step_s, step = self.forces.last_step
-        if 0 < per_wrench < 0.5 and step > 2 * _STEP_SHARE * GRAVITY:
+        if 0 < grown['forces'] / wrenches < 0.5 and step > 2 * _STEP_SHARE * GRAVITY:
             yield (
                 f'specific force comes every {step_s:.2g} s, and {step / 2 / GRAVITY:.0%} of the '
                 'weight that is taken off is wrong in motion; let it come faster'
