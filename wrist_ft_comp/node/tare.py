@@ -93,7 +93,7 @@ class TareService(Part):
             self.hub.listen(self, wanted=False)
         if sick := self.wrenches.sickness():
             raise TareRefusedError(
-                f'The sensor gives nothing to tare: {sick} Look at the status input, and call '
+                f'The sensor gives nothing to tare ({sick}). Look at the status input, and call '
                 'again when the sensor works.'
             )
         mean, stamp_ns = collector.result()
