@@ -44,8 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    topics = options.topics_from(arguments)
-    options.check_recordings(arguments.recordings, topics)
+    topics = options.topics_from(arguments, arguments.recordings)
     if arguments.thermal_period is not None:
         check_range('--thermal-period', arguments.thermal_period, *PERIODS_S)
     # Nothing that a person made may be overwritten, and it is said before the work.

@@ -49,8 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    topics = options.topics_from(arguments)
-    options.check_recordings([arguments.recording], topics)
+    topics = options.topics_from(arguments, [arguments.recording])
     check_range('--tare', arguments.tare, 0.0)
     check_copy(arguments.recording, arguments.output, arguments.output_topic, [arguments.model])
     stored = load_model(arguments.model)

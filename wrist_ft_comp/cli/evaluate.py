@@ -37,8 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    topics = options.topics_from(arguments)
-    options.check_recordings(arguments.recordings, topics)
+    topics = options.topics_from(arguments, arguments.recordings)
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.model, *arguments.recordings])
     with progress_bar('evaluating') as progress:

@@ -100,8 +100,12 @@ def add_part_and_report(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def topics_from(arguments: argparse.Namespace) -> Topics:
-    """Build the topics that were given, or the model's; SettingsError if not meant so."""
+def topics_from(arguments: argparse.Namespace, paths: Sequence[Path]) -> Topics:
+    """
+    Build the topics that were given, or the model's; SettingsError if not meant so.
+
+    RecordingError, with the command that makes a bag, where a path holds no recording.
+    """
     usual = load_model(arguments.model).topics if 'model' in arguments else Topics()
     temperatures = tuple(arguments.temperature_topic or usual.temperatures)
     parse_sources(temperatures, lambda topic: topic.strip('/'))
@@ -112,11 +116,6 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
         begin=getattr(arguments, 'begin', ''), end=getattr(arguments, 'end', ''),
         exclude=tuple(getattr(arguments, 'exclude', ())))  # fmt: skip
     parse_options(topics)
-    return topics
-
-
-def check_recordings(paths: Sequence[Path], topics: Topics) -> None:
-    """Refuse a path without a recording, with the command that makes a bag."""
     for path in paths:
         if not all(file.exists() for file in files_of(path)):
             thermometers = [source.topic for source in parse_sources(topics.temperatures)]
@@ -131,6 +130,7 @@ def check_recordings(paths: Sequence[Path], topics: Topics) -> None:
                 f'{path} is a model file, where a recording was expected. Name a bag or a CSV '
                 'file; see what a file holds with wrist_ft_comp show.'
             )
+    return topics
 
 
 def require_ros(refusal: type[WristFtCompError], why: str) -> None:

@@ -85,8 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
         lines = [head, *(payload_line(name, payload) for name, payload in payloads.items())]
     else:
         with progress_bar('reading') as progress:
-            topics = options.topics_from(arguments)
-            options.check_recordings([path], topics)
+            topics = options.topics_from(arguments, [path])
             described, recording = recording_summary.describe_recording(path, topics, progress)
             refusal = _refusal(described, recording)
             code = int(recording is None and not described.candidates)  # nothing could be read
