@@ -53,26 +53,23 @@ def run(arguments: argparse.Namespace) -> int:
     check_range('--tare', arguments.tare, 0.0)
     check_copy(arguments.recording, arguments.output, arguments.output_topic, [arguments.model])
     stored = load_model(arguments.model)
-    model = stored.model
+    model, warnings = stored.model, [] if arguments.tare else [_UNTARED]
     with progress_bar('compensating') as progress, ExitStack() as stack:
         gc.disable()  # messages make no cycles, and looking for some takes half of the time
         stack.callback(gc.enable)
         recording = read_recording(
             arguments.recording, period_s=model.period_ns / NANOSECONDS, topics=topics,
             progress=lambda done: progress(done / 3))  # fmt: skip
-        sensor_warnings = check_sensor(stored, recording.sensor, f'in {recording.name}')
+        warnings += check_sensor(stored, recording.sensor, f'in {recording.name}')
+        warnings += recording.warnings
         track = track_drift(model, recording)
         tare = initial_tare(model, recording, arguments.tare)
-        rewriting_warnings = rewrite_recording(
+        warnings += rewrite_recording(
             arguments.recording, arguments.output,
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
             output_topic=arguments.output_topic,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
-    warnings = (
-        *sensor_warnings, *recording.warnings, *rewriting_warnings,
-        *range_warnings(stored, recording))  # fmt: skip
-    if not arguments.tare:
-        warnings = (_UNTARED, *warnings)
+    warnings += range_warnings(stored, recording)
     taken_off = dict(zip(AXES, tare.tolist(), strict=True))
     document = {'output': arguments.output, 'tare': taken_off, 'warnings': warnings}
     print_result([f'wrote {arguments.output}'], document, warnings, as_json=arguments.json)
