@@ -2,9 +2,7 @@
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +18,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, StateF
 from wrist_ft_comp.fit.data_checks import check_recordings, silent_stretches
 from wrist_ft_comp.learning import diary as diaries
 from wrist_ft_comp.payload.weight import Payload, payload_line
-from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.recording import clock_time, Recording
 from wrist_ft_comp.recordings.bag_topics import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.recordings.column_proposal import suffix_of
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
@@ -320,9 +318,8 @@ def summary(diary: diaries.Diary) -> str:
 
 def when(day: diaries.DayEntry) -> str:
     """Write the date that a day began on by its stamps, UTC, or its name where it has none."""
-    with suppress(OverflowError, ValueError):  # no calendar has every stamp
-        if day.first_ns:  # its recording could be read
-            return str(datetime.fromtimestamp(day.first_ns // NANOSECONDS, timezone.utc).date())
+    if day.first_ns:  # its recording could be read
+        return clock_time(day.first_ns).partition(' ')[0]
     return day.name.removesuffix('.csv')
 
 
