@@ -10,7 +10,7 @@ Where a node keeps what it made: models, own recordings, and which model is acti
     <directory>/lock                 held by the node that keeps its files here
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -84,7 +84,10 @@ class NodeFolder:
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
-        self._lock: finalize[..., NodeFolder] | None = None
+        #: Leaves the folder to others.
+        self.release: Callable[[], object] = lambda: None
+        #: The file that names the recording that runs; after a kill it is still there.
+        self._unfinished = directory / 'recordings' / 'unfinished'
 
     def new_model_path(self) -> Path:
         """Name a new model file after the present time (UTC)."""
@@ -101,11 +104,6 @@ class NodeFolder:
         path = _unused(self.directory / 'recordings', 'recording', '.csv')
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
-
-    @property
-    def _unfinished(self) -> Path:
-        """The file that names the recording that runs; after a kill it is still there."""
-        return self.directory / 'recordings' / 'unfinished'
 
     def cut_off_recording(self) -> tuple[Path | None, float]:
         """Find the recording that ran when the last node here was killed, and its age, s."""
@@ -179,11 +177,6 @@ class NodeFolder:
             entries.append({**to_plain(entry), 'path': path and str(path)})
         _LIST.save(self.directory / 'active.json', {'history': entries, 'given': given})
 
-    def release(self) -> None:
-        """Leave the folder to others."""
-        if self._lock is not None:
-            self._lock()
-
     def take(self) -> str:
         """
         Keep other nodes out until the release or the end of the process, or SettingsError.
@@ -200,7 +193,7 @@ class NodeFolder:
                 'choose another data_directory; until then no recording, calibration or thermal '
                 'state is kept.'
             )
-        self._lock = finalize(self, os.close, lock)
+        self.release = finalize(self, os.close, lock)
         with suppress(OSError):  # some disks know no locks
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
