@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from rich.table import Table
@@ -114,10 +113,11 @@ def _node_days(folder: Path, diary: diaries.Diary) -> tuple[dict[str, object], l
     except StateFileError as error:
         warnings.append(str(error))
     words = [*days_text(folder, diary, memory), *(f'warning: {said}' for said in warnings)]
+    without, left = usual_drift(diary)
     return {
         'days': [{**vars(day), 'known': sorted(day.known)} for day in diary.days],
         'paused': diary.paused,
-        'summary': {'sentence': summary(diary), 'force_n': usual_drift(diary)},
+        'summary': {'sentence': summary(diary), 'force_n': {'without': without, 'left': left}},
         'node': {**vars(memory), 'change': diaries.last_change(diary.history)},
         'warnings': warnings,
     }, words
@@ -280,39 +280,32 @@ def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> 
     return [head, *map(filled, filter(None, [summary(diary), *lines]))]
 
 
-class DriftLeft(NamedTuple):
-    """RMS of a force's drift, N: without a model, and what the live one left; NaN if unknown."""
-
-    without: float
-    left: float
-
-
 def drift_left(diary: diaries.Diary) -> FloatArray:
-    """Give what is in a DriftLeft for each day, shape (days, 2)."""
+    """Give a force's drift, RMS, N: without a model, left by the live one; or NaN; (days, 2)."""
     return np.array([(day.rms_left(diaries.NONE), day.rms_left(day.live)) for day in diary.days])
 
 
-def usual_drift(diary: diaries.Diary) -> DriftLeft:
-    """Take the medians of days with a live model, if there are any, or else of all."""
+def usual_drift(diary: diaries.Diary) -> list[float]:
+    """Take the medians of both over days with a live model, if there are any, or else over all."""
     drifts = drift_left(diary)
     with_model = np.isfinite(drifts).all(axis=1)
     judged = drifts[with_model if with_model.any() else np.isfinite(drifts[:, 0])]
-    return DriftLeft(*(np.median(judged, axis=0) if len(judged) else (np.nan, np.nan)))
+    return np.median(judged, axis=0).tolist() if len(judged) else [np.nan, np.nan]
 
 
 def summary(diary: diaries.Diary) -> str:
     """Say in one sentence what drifted, and what was left of it."""
-    usual, count = usual_drift(diary), len(diary.days)
+    (without, left), count = usual_drift(diary), len(diary.days)
     dates = dict.fromkeys(map(when, (diary.days[0], diary.days[-1])))
     head = f'{count} {"day" if count == 1 else "days"}, {" to ".join(dates)}'
-    if np.isnan(usual.without):
+    if np.isnan(without):
         return f'{head}: none is judged yet.'
-    sentence = f'{head}: on a usual day a force drifted by {rounded(usual.without, 2)} N (RMS)'
-    if np.isnan(usual.left):
+    sentence = f'{head}: on a usual day a force drifted by {rounded(without, 2)} N (RMS)'
+    if np.isnan(left):
         return f'{sentence}; no model was live.'
-    sentence += f'; the model left {rounded(usual.left, 2)} N'
-    if usual.without > _LEAST_DRIFT:
-        sentence += f' ({rounded(100 * usual.left / usual.without, 2)} %)'
+    sentence += f'; the model left {rounded(left, 2)} N'
+    if without > _LEAST_DRIFT:
+        sentence += f' ({rounded(100 * left / without, 2)} %)'
     return f'{sentence}.'
 
 
