@@ -162,9 +162,8 @@ def _describe_table(opened: read.OpenTable, progress: Progress) -> Description:
         if not opened.is_read:
             raise
         refusal = refusal or str(error)
-    reads: dict[str, tuple[float, float]] = {}
-    for j, celsius in enumerate(recording.temperature_c.T if recording else ()):
-        reads[temperature_channel(j)] = float(celsius.min()), float(celsius.max())
+    columns_c = recording.temperature_c.T if recording else ()
+    reads = {temperature_channel(j): (c.min(), c.max()) for j, c in enumerate(columns_c)}
     channels = []
     for channel, count in opened.counts.items():
         role = RAW_WRENCH if channel in AXES else SPECIFIC_FORCE
@@ -184,13 +183,12 @@ def _describe_table(opened: read.OpenTable, progress: Progress) -> Description:
 def commands(summary: RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording and judge; of a bag, that run, too."""
     topics, usual, is_bag = summary.topics, Topics(), bool(summary.candidates)
-    words = list[str]()
     referred = any(c.role == REFERENCE and c.samples for c in summary.channels)
     referred &= not summary.is_unloaded
     at_work = bool(summary.gravity_directions) and not referred
+    words = topics.column_options
     if referred or at_work:
-        words += ['--reference', 'recorded' if referred else 'payload']
-    words += topics.column_options
+        words = ['--reference', 'recorded' if referred else 'payload', *words]
     if topics.wrench.strip('/') != usual.wrench.strip('/'):
         words += ['--wrench-topic', topics.wrench]
     if topics.temperatures != usual.temperatures:
