@@ -76,7 +76,6 @@ def run(arguments: argparse.Namespace) -> int:
     with progress_bar('judging day 2') as progress:
         content, _ = evaluate_recordings(model, [day_2], wanted='recorded', progress=progress)
     REPORT.write(report, page(content))
-    # Whether what is promised was reached, with numbers.
     (force_z,) = (axis.errors for axis in content.axes if axis.axis == 'force_z')
     ratio = force_z.rms_before / force_z.rms_after
     reached = ratio >= _RATIO

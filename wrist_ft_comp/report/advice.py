@@ -58,7 +58,6 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
     together_c = np.concatenate(seen_c)
     range_c = np.stack((np.nanmin(together_c, axis=0), np.nanmax(together_c, axis=0)), axis=1)
     leading = int(np.argmax(np.ptp(range_c, axis=1)))
-    # Rise and fall, between means of the leading thermometer.
     cells = max(round(_TREND_S / recordings[0].period_s), 1)
     means = [mean_over(one_c[:, leading], cells) for one_c in seen_c]
     moves = [np.diff(of_one[np.isfinite(of_one)]) for of_one in means]
@@ -122,7 +121,6 @@ def advise(case: Case) -> tuple[str, ...]:
         )
     poor = [axis for axis, level in case.levels.items() if level in {'weak', 'harmful'}]
     unexplained = [axis for axis in poor if axis not in case.beyond]
-    # Thermometers that left the temperatures which the model was learnt at.
     ranges_c = zip(case.coverage.range_c, case.learnt_c, strict=False)
     outside = [
         f'thermometer {number}' for number, (seen, learnt) in enumerate(ranges_c, start=1)

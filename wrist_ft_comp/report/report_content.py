@@ -198,7 +198,6 @@ def evaluation_content(
     number = np.repeat(np.arange(len(evaluated)), [len(e.errors.after) for e in evaluated])
     over = averaged_cells(recordings[0].period_s)
     cell = np.concatenate([mean_over(np.arange(len(r), dtype=float), over) for r in recordings])
-    # How far a thermometer moved within a recording, at most.
     moved_k = max(np.ptp(mean_over(r.temperature_c, over), axis=0).max() for r in recordings)
     both = np.concatenate([np.stack(judged.errors, axis=2) for judged in evaluated])
     axes: list[AxisView] = []

@@ -103,7 +103,6 @@ def judge(evidence: Evidence) -> Verdict:
     share = rounded(100 * after / before, 2) if before > 0 else '0'
     remainder = f'{share} % of the drift is left ({figures})'
     is_noise = after <= noise * evidence.widening
-    # What speaks against trusting the figures.
     doubts = []
     if not is_noise and after > GOOD_REMAINDER * before:
         doubts.append(f'a good axis leaves at most {100 * GOOD_REMAINDER:g} %')
