@@ -106,19 +106,17 @@ def status_page(watch: 'Watch') -> Iterator[str | Table]:
     model, calibration = values.get('model', {}), values.get('calibration', {})
     if f'{AXES[0]}_drift' in output:
         output = values.get('payload', {}) | output  # both have a tare
-        titles = {
-            'raw': 'raw', 'compensated': 'compensated', 'external': 'external', 'drift': 'drift',
-            'drift_deviation': '± 1 σ', 'tare': 'tare',
-        }  # fmt: skip
+        names = ['raw', 'compensated', 'external', 'drift', 'drift_deviation', 'tare']
         if f'{AXES[0]}_external' not in output:
-            del titles['external']
+            names.remove('external')
         rows = [
             [axis, axis_unit(axis)]
-            + [output.get(f'{axis}_{name}', '–').partition(' ')[0] for name in titles]
+            + [output.get(f'{axis}_{name}', '–').partition(' ')[0] for name in names]
             for axis in AXES
         ]
+        titles = [name.replace('drift_deviation', '± 1 σ') for name in names]
         yield ''
-        yield terminal.table(['axis', 'unit', *titles.values()], rows)
+        yield terminal.table(['axis', 'unit', *titles], rows)
     thermometers = [key.removesuffix('_age_s') for key in heard if key.endswith('_age_s')]
     if thermometers:
         yield ''
