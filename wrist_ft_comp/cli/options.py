@@ -108,7 +108,7 @@ def topics_from(arguments: argparse.Namespace, paths: Sequence[Path]) -> Topics:
     """
     usual = load_model(arguments.model).topics if 'model' in arguments else Topics()
     temperatures = tuple(arguments.temperature_topic or usual.temperatures)
-    parse_sources(temperatures, lambda topic: topic.strip('/'))
+    sources = parse_sources(temperatures, lambda topic: topic.strip('/'))
     topics = Topics(
         arguments.wrench_topic or usual.wrench, temperatures, arguments.reference_topic,
         arguments.imu_topic, arguments.gravity_frame,
@@ -118,8 +118,7 @@ def topics_from(arguments: argparse.Namespace, paths: Sequence[Path]) -> Topics:
     parse_options(topics)
     for path in paths:
         if not all(file.exists() for file in files_of(path)):
-            thermometers = [source.topic for source in parse_sources(topics.temperatures)]
-            named = shlex.join([topics.wrench, *thermometers])
+            named = shlex.join([topics.wrench, *(source.topic for source in sources)])
             raise RecordingError(
                 f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file. To '
                 f'make one, run "ros2 bag record -s mcap -o warm_up {named}" with the names of '
