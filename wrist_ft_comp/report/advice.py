@@ -13,7 +13,7 @@ import numpy as np
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import Recording, Reference, Topics
-from wrist_ft_comp.recordings.bag_topics import survey_bag, TEMPERATURE
+from wrist_ft_comp.recordings.bag_topics import survey_bag
 from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.evaluation import SAME_K
 from wrist_ft_comp.report.verdict import Level
@@ -158,11 +158,7 @@ def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) 
         for path in case.paths[:1] if is_searched else ():
             with open_bag(path) as bag:
                 candidates, _ = survey_bag(bag)
-            unused = [
-                candidate.entry for candidate in candidates
-                if candidate.role == TEMPERATURE and candidate.moves
-                and candidate.entry.strip('/') not in used
-            ]  # fmt: skip
+            unused = [c.entry for c in candidates if c.moves and c.entry.strip('/') not in used]
     if not unused:
         return f'{head} Put another one at the flange: where the motor heats it, or opposite.'
     options = (f'--temperature-topic {shlex.quote(e)}' for e in (*case.thermometers, *unused))
