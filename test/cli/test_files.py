@@ -36,6 +36,12 @@ def test_a_device_is_refused_at_once(run, tmp_path):
         assert 'is no file and no folder' in run(*words).sentence
 
 
+def test_a_folder_is_no_file(run, day):
+    assert '.+other.csv does not exist' in run('show', '.+other.csv').sentence
+    words = ['calibrate', day, '-o', '.', '--reference', 'payload']
+    assert '. cannot be written: it is a folder' in run(*words).sentence
+
+
 @pytest.mark.parametrize('command', ['evaluate', 'compensate'])
 def test_model_and_recording_exchanged_are_refused(command, run, model, drift_csv, bags, tmp_path):  # noqa: PLR0913, PLR0917
     more = ['-o', tmp_path / 'out'] if command == 'compensate' else []

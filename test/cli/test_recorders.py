@@ -150,7 +150,9 @@ def test_a_model_is_learnt_and_judged_as_printed(name, done, tmp_path, monkeypat
     path = write(FORMS[name], tmp_path)
     (tmp_path / 'another').mkdir()
     other = write(FORMS[name], tmp_path / 'another', seed=1)
+    path = path.rename(tmp_path / f'run.2024-05-01{path.suffix}')
     calibrate, evaluate = json.loads(done('show', path, '--json'))['commands']
+    assert f'ANOTHER_DAY{path.suffix}' in shlex.split(evaluate)
     *_, advice = json.loads(done(*shlex.split(calibrate)[1:], '--json'))['advice']
     for command in (evaluate, advice.splitlines()[-1]):
         words = [other if 'ANOTHER_DAY' in word else word for word in shlex.split(command)[1:]]

@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     # Nothing that a person made may be overwritten, and it is said before the work.
     others = list(arguments.recordings)
     if arguments.reference == 'payload':
-        others.append(arguments.output.with_name(PAYLOADS))
+        others.append(arguments.output.parent / PAYLOADS)
         load_payloads(others[-1])
     MODEL.check_target(arguments.output, others)
     if arguments.report:

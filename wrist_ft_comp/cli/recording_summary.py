@@ -203,9 +203,10 @@ def commands(summary: RecordingSummary, path: Path) -> list[str]:
     elif topics.gravity_frame:
         words += ['--gravity-frame', topics.gravity_frame]
     # Two recordings in one folder have two models, and none is the map of their columns.
-    name = re.sub(r'(\.[a-z]\w*)+$', '', path.name.partition('+')[0], flags=re.IGNORECASE)
+    first = path.name.partition('+')[0]
+    name = re.sub(r'(\.[a-z]\w*)+$', '', first, flags=re.IGNORECASE)
     model = 'model.yaml' if f'{name}.yaml' in {'.yaml', MAP_FILE} else f'{name}.yaml'
-    another = f'ANOTHER_DAY{"" if is_bag else "".join(path.suffixes[-2:])}'
+    another = f'ANOTHER_DAY{"" if is_bag else first.removeprefix(name)}'
     calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', model]
     evaluate = ['wrist_ft_comp', 'evaluate', model, another]
     if not is_bag:

@@ -239,7 +239,7 @@ def files_of(path: Path) -> list[Path]:
         return [path]
     first, *others = map(Path, str(path).split('+'))
     # Beside the first one, where only their names are given.
-    files = [first, *(f if f.exists() else first.with_name(f.name) for f in others)]
+    files = [first, *(f if f.exists() else first.parent / f.name for f in others)]
     return files if all(file.is_file() for file in files) else [path]
 
 
