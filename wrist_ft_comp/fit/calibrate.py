@@ -18,7 +18,6 @@ from wrist_ft_comp.fit import data_checks as checks
 from wrist_ft_comp.fit import paper_methods
 from wrist_ft_comp.fit.auto_method import identify_auto
 from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data
-from wrist_ft_comp.fit.day_limit import day_limit, largest_drift, late_errors
 from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.fit.outliers_and_steps import did_it_move, segment
 from wrist_ft_comp.fit.result import AxisFit, Calibration
@@ -107,12 +106,6 @@ def _learn(
         fit = identify_axis(data, settings.identification)
         if fit.refusal:
             said.append(f'{fit.refusal}. It is left uncompensated.')
-        if fit.model is not None:
-            late = late_errors(fit.model, recordings)
-            fit = replace(fit, expected_rms=float(np.hypot(fit.expected_rms, np.std(late))))
-        if data.tared:
-            limit = day_limit(data, fit.expected_rms)
-            fit = replace(fit, largest_drift=largest_drift(data), day_limit=limit)
         fits[axis] = fit
         progress(number / len(axes))
     if not fits:

@@ -6,10 +6,9 @@ import numpy as np
 
 from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.drift.drift_model import AxisModel
-from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.folds import averaged_cells, day_over_blocks, mean_over, tared_means
+from wrist_ft_comp.fit.axis_data import AxisData, FOLDS
+from wrist_ft_comp.fit.folds import averaged_cells, mean_over, tared_means
 from wrist_ft_comp.fit.result import AxisFit, Candidate, HeldOut
-from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, ROUNDING
 
 #: What another day is expected to keep is stated of a day of at least this length, s.
@@ -54,29 +53,36 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
         shares = weights[members]
         rms = np.average(each[members], weights=shares if shares.any() else None)
         tried.append(Candidate(name, of_a_day(float(rms)), float(shares.sum())))
-    expected = expected_rms(data, squares[:, -1], squares[:, :-1] @ weights, squares[:, 0])
+    expected = expected_rms(data, squares, weights) if after else 0.0
+    if model is not None:
+        expected = float(np.hypot(expected, np.std(late_errors(data, model))))
+    largest = limit = np.nan
+    if data.tared:
+        cells = averaged_cells(data.period_s)
+        drifts = [tared_means(residual, cells, data.period_s) for residual in data.residual]
+        largest = float(np.abs(np.concatenate(drifts)).max(initial=0.0))
+        limit = expected * (_LIMIT_OF_ONE if data.recordings == 1 else _LIMIT_OF_SEVERAL)
     if data.no_sensitivity:
         notes = (*notes, f'zero drift only: {data.no_sensitivity}')
     return AxisFit(
         model=model, chosen=chosen, candidates=tuple(tried), rms_before=tried[0].rms,
-        rms_after=of_a_day(after), notes=notes, unit=axis_unit(data.axis),
-        held_out=held_out, expected_rms=expected if after else 0.0,
-        )  # fmt: skip
+        rms_after=of_a_day(after), notes=notes, unit=axis_unit(data.axis), held_out=held_out,
+        expected_rms=expected, largest_drift=largest,
+        # Where the drift stays below it, too, it is no promise.
+        day_limit=limit if limit <= largest else np.nan)  # fmt: skip
 
 
-def expected_rms(
-    data: AxisData, average: FloatArray, members: FloatArray, uncompensated: FloatArray
-) -> float:
+def expected_rms(data: AxisData, squares: FloatArray, weights: FloatArray) -> float:
     """
     Root mean square that an average of fits is expected to leave of another day.
 
-    Mean squares on held-out folds, (folds,), are those of the average, those of its members in
-    their weighted mean, and those without compensation. Half of the members' spread around the
-    average is added, because what they disagree about is not known. Of several recordings each
-    counts by how much it drifts uncompensated, because another day may be like the one that
-    drifted most; and what is learnt from all of them leaves less than what each was held out from.
+    Takes mean squares on held-out folds, (folds, C + 1), without compensation first and of the
+    average last, and its weights, (C,). Half of the members' spread around the average is added,
+    because what they disagree about is not known. Of several recordings each counts by how much it
+    drifts uncompensated, because another day may be like the one that drifted most; and what is
+    learnt from all of them leaves less than what each was held out from.
     """
-    left = (average + members) / 2
+    uncompensated, left = squares[:, 0], (squares[:, -1] + squares[:, :-1] @ weights) / 2
     if data.recordings > 1:
         # What n recordings leave, by what n - 1 of them leave: the median of 1270 axes that were
         # learnt from two to six drawn days kept 0.86 of what was expected with this power.
@@ -88,31 +94,34 @@ def expected_rms(
     return day_over_blocks(data, before, DAY_S) * float(np.sqrt(np.mean(left)))
 
 
-def largest_drift(data: AxisData) -> float:
-    """Find the largest drift since a recording's first minute, in means over 10 s."""
-    cells, period_s = averaged_cells(data.period_s), data.period_s
-    drifts = np.concatenate([tared_means(one, cells, period_s) for one in data.residual])
-    return float(np.abs(drifts).max(initial=0.0))
+def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
+    """
+    Say how many times more is left of a day than of blocks that, uncompensated, leave some RMS.
+
+    A single recording is held out in blocks. What a model leaves wanders like a random walk, so
+    it grows by the root of how much further drift goes in the whole recording; else by nothing.
+    In a day longer than the recording, s, it goes on as it did from a block to the whole.
+    """
+    if data.recordings > 1 or not data.tared or before == 0:
+        return 1.0
+    (residual,) = (values for values in data.residual if np.isfinite(values).any())
+    y = tared_means(residual, data.bin_cells, data.period_s)
+    further = max(1.0, float(np.sqrt(np.mean(y**2))) / before)
+    longer = max(1.0, day_s / (len(residual) * data.period_s))
+    return float(further ** (0.5 * (1 + np.log(longer) / np.log(FOLDS))))
 
 
-def late_errors(model: AxisModel, recordings: Sequence[Recording]) -> FloatArray:
+def late_errors(data: AxisData, model: AxisModel) -> FloatArray:
     """
     Compute what is left in operation because the drift of a cell is subtracted in the next one.
 
-    Zero drift of an axis in the recordings, on a ramp as the stream has it, in means over 10 s.
+    Zero drift in the recordings, on a ramp as the stream has it, in means over 10 s, (n,).
     """
     errors = []
-    for recording in recordings:
-        start = model.start(recording.temperature_c[0])
-        drift = model.run(start, recording.temperature_c)[1][:, 0]
+    for temperature_c in data.temperature_c:
+        drift = model.run(model.start(temperature_c[0]), temperature_c)[1][:, 0]
         late = np.full(len(drift), np.nan)
         late[2:] = drift[2:] - (drift[1:-1] + drift[:-2]) / 2
-        errors.append(mean_over(late, averaged_cells(recording.period_s)))
+        errors.append(mean_over(late, averaged_cells(data.period_s)))
     together = np.concatenate(errors)
     return np.asarray(together[np.isfinite(together)])
-
-
-def day_limit(data: AxisData, rms: float) -> float:
-    """Limit that the largest error of another day stays below; NaN where drift does so, too."""
-    limit = rms * (_LIMIT_OF_ONE if data.recordings == 1 else _LIMIT_OF_SEVERAL)
-    return limit if limit <= largest_drift(data) else np.nan

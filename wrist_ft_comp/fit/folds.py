@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrist_ft_comp.drift.drift_model import AxisModel, DriftModel
+from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.fit import axis_data
 from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, FOLDS
 from wrist_ft_comp.fit.result import HeldOut
@@ -49,18 +49,6 @@ def averaged_s(model: DriftModel) -> float:
     """Compute how long these means last, s."""
     period_s = model.period_ns / NANOSECONDS
     return averaged_cells(period_s) * period_s
-
-
-def unexplained(data: AxisData, model: AxisModel | None, recording: int) -> FloatArray:
-    """Subtract a model's free run from r - w of a recording, (N_i,), up to a constant."""
-    residual, temperature_c = data.residual[recording], data.temperature_c[recording]
-    if model is None:
-        return residual
-    _, drift = model.run(model.start(temperature_c[0]), temperature_c)
-    explained = drift[:, 0]
-    if data.load is not None and drift.shape[1] > 1:
-        explained = explained + drift[:, 1] * data.load[recording]
-    return np.asarray(residual - explained)
 
 
 def fold_means(
@@ -109,23 +97,6 @@ def hold_out(data: AxisData, cells: Sequence[FloatArray], errors: Sequence[Float
     return HeldOut(
         recording, fold, np.concatenate(cells), np.concatenate(errors), data.bin_s, data.tared
     )
-
-
-def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
-    """
-    Say how many times more is left of a day than of blocks that, uncompensated, leave some RMS.
-
-    A single recording is held out in blocks. What a model leaves wanders like a random walk, so
-    it grows by the root of how much further drift goes in the whole recording; else by nothing.
-    In a day longer than the recording, s, it goes on as it did from a block to the whole.
-    """
-    if data.recordings > 1 or not data.tared or before == 0:
-        return 1.0
-    (residual,) = (values for values in data.residual if np.isfinite(values).any())
-    y = tared_means(residual, data.bin_cells, data.period_s)
-    further = max(1.0, float(np.sqrt(np.mean(y**2))) / before)
-    longer = max(1.0, day_s / (len(residual) * data.period_s))
-    return float(further ** (0.5 * (1 + np.log(longer) / np.log(FOLDS))))
 
 
 def simplest_good(squares: Sequence[float]) -> int:

@@ -26,7 +26,7 @@ from wrist_ft_comp.fit import auto_method as ridges
 from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
 from wrist_ft_comp.fit.day_limit import state_fit
-from wrist_ft_comp.fit.folds import fold_means, hold_out, simplest_good, unexplained
+from wrist_ft_comp.fit.folds import fold_means, hold_out, simplest_good
 from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr, stack
 from wrist_ft_comp.fit.result import AxisFit
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
@@ -226,6 +226,18 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
     if model is not None:
         model = anchor(data, model)
     return state_fit(data, model, chosen, left, names, np.eye(len(names))[winner], notes)
+
+
+def unexplained(data: AxisData, model: AxisModel | None, recording: int) -> FloatArray:
+    """Subtract a model's free run from r - w of a recording, (N_i,), up to a constant."""
+    residual, temperature_c = data.residual[recording], data.temperature_c[recording]
+    if model is None:
+        return residual
+    _, drift = model.run(model.start(temperature_c[0]), temperature_c)
+    explained = drift[:, 0]
+    if data.load is not None and drift.shape[1] > 1:
+        explained = explained + drift[:, 1] * data.load[recording]
+    return np.asarray(residual - explained)
 
 
 def anchor(data: AxisData, model: AxisModel) -> AxisModel:
