@@ -92,19 +92,17 @@ def fit_ridge(
 
     Powers up to the candidate's degree explain zero drift, the first one sensitivity drift.
     """
-    # The columns that the candidate uses, and the power of temperature in each. Columns stand by
-    # relaxation, power, thermometer, behind the constant; those with load behind all without.
-    width, j = highest_degree * thermometers, np.arange(thermometers)
-    banks = 1 + np.searchsorted(POOL_S, candidate.bank_s)[:, np.newaxis] * width
-    places: IntArray = (banks + np.arange(candidate.degree * thermometers)).ravel()
-    powers: IntArray = (places - 1) % width // thermometers + 1
-    half = 1 + len(POOL_S) * width
-    if len(products) > half + 1:
-        places = np.concatenate((places, (half + banks + j).ravel(), [half]))
-        powers = np.append(powers, np.ones(len(places) - len(powers), dtype=int))
+    # Columns stand by relaxation, power (from 0), thermometer, behind the constant; those with
+    # load behind all without.
+    lag, power, _ = np.indices((len(POOL_S), highest_degree, thermometers)).reshape(3, -1)
+    in_bank = np.isin(POOL_S[lag], candidate.bank_s)
+    alone, with_load = in_bank & (power < candidate.degree), in_bank & (power == 0)
+    used = np.concatenate(([False], alone, [True], with_load))
+    places = np.flatnonzero(used[: len(products) - 1])
+    powers = np.tile(np.insert(power, 0, 0), 2)[places]
     diagonal = np.diagonal(products)[places]
     size = 1 / np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
-    size = size * DEGREE_PENALTY ** (-(powers - 1) / 2)
+    size = size * DEGREE_PENALTY ** (-powers / 2)
     scaled = products[np.ix_(places, places)] * np.outer(size, size)
     ridge = candidate.strength * np.eye(len(places))
     gains = np.zeros(len(products))
