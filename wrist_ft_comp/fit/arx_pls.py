@@ -137,12 +137,10 @@ def fit_one_step(segments: Sequence[Segment], orders: Orders) -> tuple[Arx, floa
     longest = max(orders.n, first + orders.m - 1)  # L: how many past cells u(k) depends on
     parts = []
     for t, u in segments:
-        rows = len(t) - longest
-        if rows <= 0:
+        if len(t) <= longest:
             continue
-        starts = [longest - first - i for i in range(orders.m)]
-        columns = [u[longest - j : longest - j + rows] for j in range(orders.n + 1)]
-        columns += [t[start : start + rows] for start in starts]
+        columns = [u[longest - j : len(u) - j] for j in range(orders.n + 1)]
+        columns += [t[longest - j : len(t) - j] for j in range(first, first + orders.m)]
         values = np.stack(columns, axis=1)  # u(k), then φ(k)
         values = values[np.isfinite(values).all(axis=1)]
         parts.append(values - values.mean(axis=0) if len(values) else values)
