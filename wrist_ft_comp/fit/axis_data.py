@@ -108,19 +108,18 @@ def build_axis_data(
     (N_i,), are those of ``assign_folds``.
     """
     column = AXES.index(axis)
-    residual = [recording.wrench[:, column] for recording in recordings]
-    load: list[FloatArray] | None = None
+    residual = tuple(recording.wrench[:, column] for recording in recordings)
+    load: tuple[FloatArray, ...] | None = None
     no_sensitivity = f'the reference was declared {reference}'
     if reference in {'recorded', 'payload'}:
-        load = [recording.reference[:, column] for recording in recordings]
-        residual = [raw - true for raw, true in zip(residual, load, strict=True)]
+        load = tuple(recording.reference[:, column] for recording in recordings)
+        residual = tuple(raw - true for raw, true in zip(residual, load, strict=True))
         no_sensitivity = _why_no_sensitivity(residual, load)
     # Samples that are left out of a working day leave gaps, but no plateaus.
     return AxisData(
         axis=axis, period_s=recordings[0].period_s,
         temperature_c=tuple(recording.temperature_c for recording in recordings),
-        residual=tuple(residual),
-        load=None if no_sensitivity or load is None else tuple(load),
+        residual=residual, load=None if no_sensitivity else load,
         folds=tuple(folds), no_sensitivity=no_sensitivity,
         steps=tuple(recording.steps for recording in recordings),
         bin_cells=bin_cells(max(map(len, residual)), recordings[0].period_s),
