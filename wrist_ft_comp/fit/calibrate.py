@@ -7,7 +7,6 @@ This is the story; what each step decides is in the file that it is named after.
 from collections import ChainMap
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -17,15 +16,15 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks as checks
 from wrist_ft_comp.fit import paper_methods
 from wrist_ft_comp.fit.auto_method import identify_auto
-from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data
+from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data, MIN_SAMPLES
 from wrist_ft_comp.fit.folds import assign_folds
-from wrist_ft_comp.fit.outliers_and_steps import did_it_move, segment
+from wrist_ft_comp.fit.outliers_and_steps import MOVING, segment
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import IntArray, Progress
+from wrist_ft_comp.series import IntArray, Progress, rounded
 from wrist_ft_comp.stream.failed_thermometers import stands_s
 
 
@@ -46,20 +45,17 @@ def calibrate(
     progress = progress or (lambda _: None)
     reference = settings.reference
     axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
-    duration_s = sum(recording.duration_s for recording in recordings)
     ranges_c = checks.check_recordings(recordings, reference, settings.min_temperature_span_k)
-    recordings, unknown = checks.drop_unknown_temperatures(recordings)
-    recordings, dropped = checks.drop_stuck_cells(recordings, axes)
-    doubts = [*checks.pauses(recordings), *checks.idle_thermometers(recordings)]
-    doubts += checks.jumping_thermometers(recordings)
+    recordings, dropped, doubts = checks.sound_recordings(recordings, axes)
     # Begin a segment at each step of a still load.
     recordings, stepped = segment(recordings, reference)
     folds = assign_folds(recordings)
     # Learn every axis; at work twice: with a model, drift is separated from payloads better.
     work = None
     if reference == 'payload':
-        learn = partial(_learn, axes=axes, folds=folds, settings=settings, progress=lambda _: None)
-        work = learn_at_work(recordings, lambda drift: learn(drift)[1])
+        work = learn_at_work(
+            recordings, lambda drift: _learn(drift, axes, folds, settings, lambda _: None)[1]
+        )
     learnt_from = work.drift if work else recordings
     fits, model, said = _learn(learnt_from, axes, folds, settings, progress)
     # Say what to doubt.
@@ -70,12 +66,24 @@ def calibrate(
     warnings = [warning for recording in recordings for warning in recording.warnings]
     if apart := differences(sensors):
         warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
-    warnings += [*dropped, *stepped, *said, *unknown, *doubts]
+    warnings += [*dropped, *stepped, *said, *doubts]
     warnings += work.warnings if work else ()
-    warnings += did_it_move(fits, reference)
+    unexplained = [
+        f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
+        for axis, fit in fits.items()
+        if fit.rms_after > max(fit.rms_before / 2, MOVING[fit.unit])
+    ]
+    if unexplained and reference in {'unloaded', 'constant'}:
+        warnings.append(
+            'Most of what these readings do is not explained by temperature, RMS: '
+            f'{", ".join(unexplained)}. The load was declared {reference}: did the robot move, or '
+            'did something touch it? Or does no thermometer see the heat? Record again standing '
+            'still, or with the specific force (--reference payload).'
+        )
     return Calibration(
-        model=model, fits=fits, temperature_range_c=ranges_c, duration_s=duration_s,
-        warnings=tuple(warnings), sources=tuple(recording.name for recording in recordings),
+        model=model, fits=fits, temperature_range_c=ranges_c, warnings=tuple(warnings),
+        duration_s=sum(recording.duration_s for recording in recordings),
+        sources=tuple(recording.name for recording in recordings),
         settings=settings, payloads=work.payloads if work else None, separation=work,
         sensor=ChainMap(*map(dict, sensors.values())))  # fmt: skip
 
@@ -100,8 +108,11 @@ def _learn(
             within: list[IntArray] = [np.full(len(recording), -1) for recording in recordings]
             (within[i],) = assign_folds([recordings[i]])
             data = replace(data, folds=tuple(within))
-        if lacking := checks.lacks_samples(data):
-            said.append(lacking)
+        if data.samples < MIN_SAMPLES or len(data.folds_by_recording) < 2:
+            said.append(
+                f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
+                f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
+            )
             continue
         fit = identify_axis(data, settings.identification)
         if fit.refusal:

@@ -10,7 +10,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.axis_data import AxisData, find_plateaus, MIN_SAMPLES
+from wrist_ft_comp.fit.axis_data import find_plateaus, MIN_SAMPLES
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, time_in
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
 from wrist_ft_comp.stream.temperature_jumps import jumps
@@ -30,6 +30,21 @@ _SEVERAL = 10
 LONG_SILENCE_S = 600.0
 #: Of a channel up to this share may be left out; with more, something is wrong with it.
 MOST_LEFT_OUT = 0.05
+
+
+def sound_recordings(
+    recordings: Sequence[Recording], axes: Sequence[str]
+) -> tuple[list[Recording], list[str], list[str]]:
+    """
+    Leave out of recordings what no sensor measured: some axes, and unknown temperatures.
+
+    Gives what was dropped of axes, and doubts about thermometers, in sentences.
+    CalibrationRefusedError where too little is left.
+    """
+    known, doubts = drop_unknown_temperatures(recordings)
+    sound, dropped = drop_stuck_cells(known, axes)
+    doubts += [*pauses(sound), *idle_thermometers(sound), *jumping_thermometers(sound)]
+    return sound, dropped, doubts
 
 
 def check_recordings(
@@ -95,16 +110,6 @@ def _are_the_same(one: Recording, other: Recording) -> bool:
             equal = np.abs(ours - theirs) <= noise
             shares.append(equal.sum() / (np.isfinite(ours) | np.isfinite(theirs)).sum())
     return len(shares) > 1 and bool(min(shares) > _NEARLY_ALL)
-
-
-def lacks_samples(data: AxisData) -> str:
-    """Say why an axis has too little to be learnt from; empty where it has not."""
-    if data.samples >= MIN_SAMPLES and len(data.folds_by_recording) > 1:
-        return ''
-    return (
-        f'{data.axis} has {data.samples} thermal cells with both wrench and reference; at least '
-        f'{MIN_SAMPLES} in 2 blocks are needed. Record longer.'
-    )
 
 
 def drop_stuck_cells(

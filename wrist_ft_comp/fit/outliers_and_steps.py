@@ -5,7 +5,7 @@ A recording has an unknown offset. A tare of the driver, a bump that moved the s
 that was reseated only begin another one, so nothing of the recording is lost by them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -15,7 +15,6 @@ import scipy  # which loads its parts when they are used
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT
-from wrist_ft_comp.fit.result import AxisFit
 from wrist_ft_comp.recording import Recording, Reference, time_in
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level, rounded, ROUNDING
 from wrist_ft_comp.steps_in_recordings import BESIDE_S, find_steps, SMALLEST_SIGMA, Step
@@ -72,24 +71,6 @@ def false_starts(recordings: Sequence[Recording]) -> dict[int, str]:
         for place, recording in enumerate(recordings)
         if recording.duration_s < SHORTEST_SEGMENT_S <= longest_s
     }
-
-
-def did_it_move(fits: Mapping[str, AxisFit], reference: Reference) -> list[str]:
-    """Ask whether a still load moved, where temperature does not explain most of what it did."""
-    unexplained = [
-        f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
-        for axis, fit in fits.items()
-        if fit.rms_after > max(fit.rms_before / 2, MOVING[fit.unit])
-    ]
-    if reference in {'recorded', 'payload'} or not unexplained:
-        return []
-    sentence = (
-        'Most of what these readings do is not explained by temperature, RMS: '
-        f'{", ".join(unexplained)}. The load was declared {reference}: did the robot move, or did '
-        'something touch it? Or does no thermometer see the heat? Record again standing still, or '
-        'with the specific force (--reference payload).'
-    )
-    return [sentence]
 
 
 def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recording, list[str]]:
