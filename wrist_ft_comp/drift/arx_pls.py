@@ -164,10 +164,9 @@ class ArxPls:
         return numerators, denominators, resting[:, :order]
 
     @property
-    def state_shape(self) -> tuple[int, int]:
+    def state_shape(self) -> tuple[int, ...]:
         """Latents R and longest lag L: the shape of the filter state."""
-        rows, lags = self._filters[2].shape
-        return rows, lags
+        return self._filters[2].shape
 
     def start(self, x: FloatArray) -> FloatArray:
         """State, shape (R, L), after inputs x, shape (F,), for ever: a soaked robot."""

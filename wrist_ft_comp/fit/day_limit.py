@@ -55,7 +55,7 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
         tried.append(Candidate(name, of_a_day(float(rms)), float(shares.sum())))
     expected = expected_rms(data, squares, weights) if after else 0.0
     if model is not None:
-        expected = float(np.hypot(expected, np.std(late_errors(data, model))))
+        expected = float(np.hypot(expected, np.nanstd(late_errors(data, model))))
     largest = limit = np.nan
     if data.tared:
         cells = averaged_cells(data.period_s)
@@ -115,7 +115,7 @@ def late_errors(data: AxisData, model: AxisModel) -> FloatArray:
     """
     Compute what is left in operation because the drift of a cell is subtracted in the next one.
 
-    Zero drift in the recordings, on a ramp as the stream has it, in means over 10 s, (n,).
+    Zero drift, on a ramp as the stream has it, in means over 10 s, (n,); NaN where one begins.
     """
     errors = []
     for temperature_c in data.temperature_c:
@@ -123,5 +123,4 @@ def late_errors(data: AxisData, model: AxisModel) -> FloatArray:
         late = np.full(len(drift), np.nan)
         late[2:] = drift[2:] - (drift[1:-1] + drift[:-2]) / 2
         errors.append(mean_over(late, averaged_cells(data.period_s)))
-    together = np.concatenate(errors)
-    return np.asarray(together[np.isfinite(together)])
+    return np.concatenate(errors)
