@@ -57,7 +57,7 @@ def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None
             note += f'; a pole of radius {radius:.6f} was moved inside the unit circle'
         latents.append(latent)
         notes.append(note)
-    return block.model(outer.rotations, latents, outer.output_loadings), tuple(notes)
+    return block.model(outer, latents), tuple(notes)
 
 
 def latent_segments(block: XyBlock, outer: Pls) -> list[list[Segment]]:

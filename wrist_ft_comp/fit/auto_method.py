@@ -140,7 +140,7 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
         cells.append(np.minimum((rows + 0.5) * bins.cells - 0.5, len(data.residual[i]) - 1))
         errors.append(tare(of_fold, data.bin_s))
         compared.append(_compared_squares(of_fold, data.bin_s))
-    left = hold_out(data, cells, errors)
+    left = hold_out(data, cells, np.concatenate(errors))
     weights = weigh(left, compared)
     used = weights[0] < 1
     model = None

@@ -91,12 +91,10 @@ def mean_over(values: FloatArray, cells: int) -> FloatArray:
     return np.asarray(np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0))
 
 
-def hold_out(data: AxisData, cells: Sequence[FloatArray], errors: Sequence[FloatArray]) -> HeldOut:
-    """Put mean numbers of cells, (n,), and errors, (n, C), of all folds together, in order."""
+def hold_out(data: AxisData, cells: Sequence[FloatArray], errors: FloatArray) -> HeldOut:
+    """Say where errors, (n, C), of all folds in order were made: mean numbers of cells by fold."""
     recording, fold = np.repeat(data.folds_by_recording, [*map(len, cells)], axis=0).T
-    return HeldOut(
-        recording, fold, np.concatenate(cells), np.concatenate(errors), data.bin_s, data.tared
-    )
+    return HeldOut(recording, fold, np.concatenate(cells), errors, data.bin_s, data.tared)
 
 
 def simplest_good(squares: Sequence[float]) -> int:

@@ -91,7 +91,7 @@ def fit_structure(
     elif settings.method == 'pcr':
         outer = fit_pcr(block.x, block.y, len(structure))
         latents = [static_gain(gain) for gain in outer.inner]  # u_r = b_r t_r (eq. 10)
-        dynamics = block.model(outer.rotations, latents, outer.output_loadings)
+        dynamics = block.model(outer, latents)
     else:
         constants_s = [tau for tau in structure if not isinstance(tau, Orders)]
         dynamics, notes = fit_filtered_pls(block, constants_s, data.period_s)
@@ -203,22 +203,22 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
     too long for the recordings does not compete; TooShortError is raised where nothing is left.
     """
     refits = {'none': lambda _: (None, ()), **refits}
-    means = {}
+    columns = {}
     for name, refit in refits.items():
         try:
-            means[name] = [
+            means = [
                 fold_means(data, i, fold, unexplained(data, refit(data.without(fold))[0], i))
                 for i, fold in data.folds_by_recording
             ]
+            columns[name] = np.concatenate([errors for _, errors in means])
         except TooShortError as error:  # noqa: PERF203 -- each may be refused
             too_short = error
     first = 0 if may_be_none else 1
-    names = list(means)
+    names = list(columns)
     if not names[first:]:
         raise too_short
-    cells = [cells for cells, _ in means['none']]
-    by_fold = zip(*([errors for _, errors in of_one] for of_one in means.values()), strict=True)
-    left = hold_out(data, cells, [np.stack(errors, axis=1) for errors in by_fold])
+    cells = [cells for cells, _ in means]  # of every candidate the same
+    left = hold_out(data, cells, np.column_stack([*columns.values()]))
     squares = left.squares().mean(axis=0)[first:].tolist()
     winner = first + simplest_good(squares)
     chosen = names[winner]

@@ -54,16 +54,14 @@ class XyBlock:
     #: Diagonal of W_y: one over the outputs' deviation, shape (M,); 1 for constant outputs.
     output_weight: FloatArray
 
-    def model(
-        self, rotations: FloatArray, latents: Sequence[Arx], output_loadings: FloatArray
-    ) -> ArxPls | None:
+    def model(self, outer: 'Pls', latents: Sequence[Arx]) -> ArxPls | None:
         """Put an identified model together, in the block's units; None without any latent."""
         if not len(latents):
             return None
         return ArxPls(
-            input_mean=self.input_mean, input_weight=self.input_weight, rotations=rotations,
-            latents=tuple(latents), output_loadings=output_loadings,
-            output_weight=self.output_weight,
+            input_mean=self.input_mean, input_weight=self.input_weight,
+            rotations=outer.rotations, latents=tuple(latents),
+            output_loadings=outer.output_loadings, output_weight=self.output_weight,
             output_mean=np.zeros(len(self.output_weight)))  # fmt: skip
 
 
@@ -223,4 +221,4 @@ def fit_filtered_pls(
     ]
     # u_r = b_r h_r(t_r) (eq. 10 and 14)
     latents = [Arx(h.a, b * h.b) for h, b in zip(filters, outer.inner, strict=False)]
-    return block.model(outer.rotations, latents, outer.output_loadings), tuple(notes)
+    return block.model(outer, latents), tuple(notes)
