@@ -68,12 +68,6 @@ class AxisModel:
         """Number of outputs M: 1 is zero drift, 2 is zero and sensitivity drift."""
         return len(self.dynamics.output_mean)
 
-    def without_gain_drift(self) -> 'AxisModel':
-        """Keep the zero drift only."""
-        names = 'output_loadings', 'output_weight', 'output_mean'
-        first = {name: getattr(self.dynamics, name)[:1] for name in names}
-        return replace(self, dynamics=replace(self.dynamics, **first))
-
     def anchored(self, at_rest: Sequence[float]) -> 'AxisModel':
         """Shift the constants so that soaked at T_ref it gives these outputs, (M,)."""
         soaked_c = self.reference_c
@@ -391,7 +385,7 @@ def run_from_rest(model: DriftModel, temperature_c: FloatArray) -> tuple[DriftSt
     parts = []
     for end in [*range(1, cells), len(temperature_c)]:
         state, drift = run(model, at_rest(model, temperature_c[:end]), temperature_c[:end])
-        parts.append(Drift(*(part[end - 1 if end < cells else cells - 1 :] for part in drift)))
+        parts.append(Drift(*(part[min(end, cells) - 1 :] for part in drift)))
     return state, Drift(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 

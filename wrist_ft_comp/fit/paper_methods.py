@@ -111,7 +111,11 @@ def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
 
     def fit_zero(part: AxisData) -> Fitted:
         model, notes = fit_structure(hats, (0.0,) * latents, part)
-        return None if model is None else model.without_gain_drift(), notes
+        if model is None:
+            return None, notes
+        names = 'output_loadings', 'output_weight', 'output_mean'
+        of_zero = {name: getattr(model.dynamics, name)[:1] for name in names}
+        return replace(model, dynamics=replace(model.dynamics, **of_zero)), notes
 
     return compete(data, {'zero drift in hats': fit_zero}, may_be_none=True)
 
