@@ -21,8 +21,7 @@ def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
     """Assign each cell, (N_i,), to a fold: recordings, plateaus, or else stretches of one."""
     if len(recordings) > 1:
         return [np.full(len(recording), i) for i, recording in enumerate(recordings)]
-    plateaus = axis_data.find_plateaus(recordings)
-    if plateaus is not None:
+    if (plateaus := axis_data.find_plateaus(recordings)) is not None:
         return [plateaus]
     # Half by time, half by kelvin: by time alone the first third of a warm-up holds nearly all of
     # its drift, and nothing that is learnt without it can tell whether it would hold there.
