@@ -14,11 +14,11 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks as checks
-from wrist_ft_comp.fit import paper_methods
 from wrist_ft_comp.fit.auto_method import identify_auto
 from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data, MIN_SAMPLES
 from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.fit.outliers_and_steps import MOVING, segment
+from wrist_ft_comp.fit.paper_methods import identify_paper_method
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
@@ -145,8 +145,4 @@ def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """Identify one axis by the method that was chosen."""
     if settings.method == 'auto' and settings.features == 'powers' and data.tared:
         return identify_auto(data, settings)
-    if settings.method == 'auto':
-        return paper_methods.identify_hats(data, settings)
-    if settings.method == 'arx_pls_oe':
-        return paper_methods.identify_lags(data, settings)
-    return paper_methods.identify_paper_method(data, settings)
+    return identify_paper_method(data, settings)

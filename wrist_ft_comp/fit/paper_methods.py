@@ -45,8 +45,13 @@ def identify_paper_method(data: AxisData, settings: IdentificationSettings) -> A
     Let held-out folds choose how many latents there are, and their structure.
 
     Each latent of arx_pls has orders of its own; all of filtered_pls have one relaxation.
-    TooShortError is raised where no ARX finds enough consecutive samples.
+    TooShortError is raised where no ARX finds enough consecutive samples. Hats of ``auto`` and the
+    time constants of arx_pls_oe have rules of their own.
     """
+    if settings.method == 'auto':
+        return identify_hats(data, settings)
+    if settings.method == 'arx_pls_oe':
+        return identify_lags(data, settings)
     features = build_features(data.temperature_c, settings, data.residual)
     method, orders = settings.method, settings.orders
     # Hats take all latents, so that every knot keeps its own coefficients.
