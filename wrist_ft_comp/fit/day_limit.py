@@ -53,9 +53,7 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
         shares = weights[members]
         rms = np.average(each[members], weights=shares if shares.any() else None)
         tried.append(Candidate(name, of_a_day(float(rms)), float(shares.sum())))
-    expected = expected_rms(data, squares, weights) if after else 0.0
-    if model is not None:
-        expected = float(np.hypot(expected, np.nanstd(late_errors(data, model))))
+    expected = expected_rms(data, model, squares, weights)
     largest = limit = np.nan
     if data.tared:
         cells = averaged_cells(data.period_s)
@@ -72,9 +70,11 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
         day_limit=limit if limit <= largest else np.nan)  # fmt: skip
 
 
-def expected_rms(data: AxisData, squares: FloatArray, weights: FloatArray) -> float:
+def expected_rms(
+    data: AxisData, model: AxisModel | None, squares: FloatArray, weights: FloatArray
+) -> float:
     """
-    Root mean square that an average of fits is expected to leave of another day.
+    Root mean square that an average of fits, the model, is expected to leave of another day.
 
     Takes mean squares on held-out folds, (folds, C + 1), without compensation first and of the
     average last, and its weights, (C,). Half of the members' spread around the average is added,
@@ -87,11 +87,21 @@ def expected_rms(data: AxisData, squares: FloatArray, weights: FloatArray) -> fl
         # What n recordings leave, by what n - 1 of them leave: the median of 1270 axes that were
         # learnt from two to six drawn days kept 0.86 of what was expected with this power.
         learnt_more = (1 - 1 / len(left)) ** (1 / 3)
-        return float(
-            learnt_more * np.sqrt(np.average(left, weights=uncompensated + np.finfo(float).tiny))
-        )
-    before = float(np.sqrt(uncompensated).mean())
-    return day_over_blocks(data, before, DAY_S) * float(np.sqrt(np.mean(left)))
+        shares = uncompensated + np.finfo(float).tiny
+        rms = float(learnt_more * np.sqrt(np.average(left, weights=shares)))
+    else:
+        before = float(np.sqrt(uncompensated).mean())
+        rms = day_over_blocks(data, before, DAY_S) * float(np.sqrt(np.mean(left)))
+    if model is None:
+        return rms
+    # In operation the drift of a cell is subtracted in the next one, on a ramp.
+    late = []
+    for temperature_c in data.temperature_c:
+        drift = model.run(model.start(temperature_c[0]), temperature_c)[1][:, 0]
+        missed = np.full(len(drift), np.nan)
+        missed[2:] = drift[2:] - (drift[1:-1] + drift[:-2]) / 2
+        late.append(mean_over(missed, averaged_cells(data.period_s)))
+    return float(np.hypot(rms, np.nanstd(np.concatenate(late))))
 
 
 def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
@@ -109,18 +119,3 @@ def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
     further = max(1.0, float(np.sqrt(np.mean(y**2))) / before)
     longer = max(1.0, day_s / (len(residual) * data.period_s))
     return float(further ** (0.5 * (1 + np.log(longer) / np.log(FOLDS))))
-
-
-def late_errors(data: AxisData, model: AxisModel) -> FloatArray:
-    """
-    Compute what is left in operation because the drift of a cell is subtracted in the next one.
-
-    Zero drift, on a ramp as the stream has it, in means over 10 s, (n,); NaN where one begins.
-    """
-    errors = []
-    for temperature_c in data.temperature_c:
-        drift = model.run(model.start(temperature_c[0]), temperature_c)[1][:, 0]
-        late = np.full(len(drift), np.nan)
-        late[2:] = drift[2:] - (drift[1:-1] + drift[:-2]) / 2
-        errors.append(mean_over(late, averaged_cells(data.period_s)))
-    return np.concatenate(errors)
