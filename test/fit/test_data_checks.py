@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells, jumping_thermometers
 
 CELLS = 1000
@@ -34,6 +35,12 @@ def test_a_short_stretch_and_a_coarse_channel_are_not_stuck(record):
     coarse = np.round(np.linspace(0, 5, CELLS))
     recording = record(slice(200, 209), 9.0, force_y=coarse)
     assert drop_stuck_cells([recording], ['force_x', 'force_y']) == ([recording], [])
+
+
+def test_an_axis_that_is_read_only_while_temperatures_are_unknown_is_said(record):
+    recording = record(torque_z=np.where(np.arange(CELLS) < 100, np.arange(CELLS), np.nan))
+    recording.measured[:150] = False
+    assert 'torque_z has 0 thermal cells with both' in '\n'.join(calibrate([recording]).warnings)
 
 
 def test_a_thermometer_that_jumps_is_named(record):

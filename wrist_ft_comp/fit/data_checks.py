@@ -126,8 +126,9 @@ def drop_stuck_cells(
         column = AXES.index(axis)
         series = [recording.wrench[:, column] for recording in recordings]
         finite = [values[np.isfinite(values)] for values in series]
-        if not any(differ(values, values[0]).any() for values in finite if len(values)):
-            value = float(np.concatenate(finite)[0])
+        read = [values for values in finite if len(values)]
+        if read and not any(differ(values, values[0]).any() for values in read):
+            value = float(read[0][0])
             dead += 1
             sentences.append(
                 f'{axis} reads {value:.6g} {axis_unit(axis)} throughout: the channel is dead, or '
