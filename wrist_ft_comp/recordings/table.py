@@ -144,7 +144,7 @@ class Table:
 
     def rows(self, placed: Placed, progress: Progress | None = None) -> Iterator[Rows]:
         """Read the columns that are used; RecordingError where a row is bad or out of order."""
-        convert, is_empty, n = _RowConverter(placed), True, _SURE_ROWS
+        convert, n = _RowConverter(placed), _SURE_ROWS
         path, above = shlex.quote(str(self.path)), self.header.lines_above
         made = (f'{self.path.stem}_{what}.csv' for what in ('part_1', 'part_2', 'oldest_first'))
         one, two, turned = map(shlex.quote, made)  # in the working directory
@@ -169,7 +169,7 @@ class Table:
                     f'({self.header.names[-1]} = {cell!r}) is incomplete.'
                 )
             runs_back = len(rows.lines) > n and rows.stamps_ns[-1] < rows.stamps_ns[0]
-            if is_empty and runs_back and (np.diff(rows.stamps_ns) <= 0).all():
+            if not len(stamps_ns) and runs_back and (np.diff(rows.stamps_ns) <= 0).all():
                 raise RecordingError(
                     f'{self.name} has its newest row first. Turn it round by "(set -C; (head -n '
                     f'{above} {path}; tail -n +{above + 1} {path} | tac) > {turned})".'
@@ -177,10 +177,10 @@ class Table:
             stamps_ns = np.concatenate([stamps_ns[-2 * n :], rows.stamps_ns])
             lines = np.concatenate([lines[-2 * n :], rows.lines])
             for k in (np.flatnonzero(np.diff(stamps_ns) < 0) + 1).tolist():
-                before, behind = stamps_ns[max(k - n, 0) : k], stamps_ns[k : k + n]
-                in_order = (np.diff(before) >= 0).all() and (np.diff(behind) >= 0).all()
-                if len(before) == len(behind) == n and behind[-1] < before[0] and in_order:
-                    step_s = float(np.median(np.diff(before))) / NANOSECONDS
+                around = stamps_ns[max(k - n, 0) : k + n]
+                steps_ns = np.diff(around)
+                if len(around) == 2 * n and around[-1] < around[0] and (steps_ns < 0).sum() == 1:
+                    step_s = float(np.median(steps_ns[: n - 1])) / NANOSECONDS
                     channels = [c.entry(self.header.columns_before) for c in placed.channels]
                     raise RecordingError(
                         f'The clock of {self.name} begins anew in line {lines[k]}: another '
@@ -190,9 +190,8 @@ class Table:
                         "over, and rows come at a fixed rate, count them instead: --columns '"
                         f"{','.join([f'stamp=#*{step_s:g}', *channels])}' --time s."
                     )
-            is_empty = False
             yield rows
-        if is_empty:
+        if not len(stamps_ns):
             raise RecordingError(f'{self.name} holds no complete row; nothing was recorded.')
 
     def _read(self, text: str, number: int, convert: '_RowConverter') -> Rows:
