@@ -202,15 +202,14 @@ class Table:
         line_ends, signs = text.count('\n'), text.count(sign)
         cells = len(text.split()) if sign == ' ' else line_ends + signs
         if line_ends and cells == line_ends * width:
-            used = [place for place in convert.places if place < width]
             with suppress(RecordingError, *_BAD):
                 frame = pandas.read_csv(
                     StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
-                    names=range(width), usecols=used, index_col=False, skipinitialspace=True,
-                    dtype={place: kind for place, kind in convert.types.items() if place in used},
+                    names=range(width), usecols=[k for k in convert.places if k < width],
+                    index_col=False, dtype=convert.types, skipinitialspace=True,
                     skip_blank_lines=False, float_precision='high',
-                    decimal=self.header.decimal,
-                    thousands=self.header.thousands or None)  # fmt: skip
+                    decimal=self.header.decimal, thousands=self.header.thousands or None,
+                )  # fmt: skip
                 return convert(frame.set_axis(range(number, number + line_ends)))
 
         # Line by line: some are comments, repeat the header, are empty or bad.
