@@ -313,7 +313,7 @@ def _units_in(row: Sequence[str]) -> int:
 
 
 def exact_ns(cells: Any, form: str) -> IntArray:
-    """Convert texts, numbers or dates exactly to ns; Value-, Arithmetic- or TypeError if bad."""
+    """Convert texts, numbers or dates exactly to ns; texts raise Value- or ArithmeticError."""
     if isinstance(cells, np.ndarray):
         if cells.dtype.kind in 'iu':
             return np.asarray(cells.astype(np.int64) * TIME_UNITS_NS[form])
@@ -322,14 +322,11 @@ def exact_ns(cells: Any, form: str) -> IntArray:
         if not np.isfinite(numbers).all():
             raise ValueError('a stamp is missing')
         return np.asarray((numbers.astype('M8[ns]') if is_date else numbers).astype(np.int64))
-    if day := units.DAYS_TO_1970.get(form):
-        return exact_ns([str(Decimal(text.replace(',', '.')) - day) for text in cells], 'd')
-    together = ''.join(cells)
-    texts = [text.replace(',', '.') for text in cells] if ',' in together else cells
-    if unit_ns := TIME_UNITS_NS.get(form):
-        if '_' in together:
+    texts, day = [text.replace(',', '.') for text in cells], units.DAYS_TO_1970.get(form, 0)
+    if unit_ns := TIME_UNITS_NS.get('d' if day else form):
+        if any('_' in text for text in texts):
             raise ValueError('1_000 is no number of a table')
-        return np.array([round(Decimal(text) * unit_ns) for text in texts], np.int64)
+        return np.array([round((Decimal(text) - day) * unit_ns) for text in texts], np.int64)
     import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
     texts = [text.strip().removesuffix(' UTC') for text in texts]
