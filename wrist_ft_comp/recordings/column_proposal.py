@@ -306,9 +306,7 @@ class _Looks:
         quantity, axis = '', ''
         for word in sorted(self.words, key=len):
             match = _AXIS.fullmatch(word)
-            if match and (axis := match[2]) and not match[1]:
-                continue
-            part = match[1] if match else word
+            part, axis = match.groups('') if match else (word, axis)
             named = (q for q, words in _QUANTITIES.items() if re.fullmatch(words, part))
             quantity = next(named, quantity)
         if not quantity and axis:
@@ -415,8 +413,8 @@ def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
     # Six numbered columns, such as ft_raw_wrench_0 to ft_raw_wrench_5, are a wrench.
     numbered: dict[str, list[_Looks]] = {}
     for looks in free:
-        base = '_'.join(looks.words[:-1])
-        if looks.words and looks.words[-1].isdecimal() and _WRENCH.match(base):
+        base, _, number = looks.plain.rpartition('_')
+        if number.isdecimal() and _WRENCH.match(base):
             numbered.setdefault(base, []).append(looks)
     axes = dict[_Looks, str]()
     for group in numbered.values():
