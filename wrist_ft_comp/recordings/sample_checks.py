@@ -77,11 +77,6 @@ class _Group:
     #: Of every block: cells, ascending, sums, shape (n, C), and counts.
     sums: list[tuple[IntArray, FloatArray, IntArray]] = field(default_factory=list)
 
-    @property
-    def of_temperature(self) -> bool:
-        """Whether it is a thermometer."""
-        return self.channels[0].startswith('temperature')
-
     def add(self, stamps_ns: IntArray, values: FloatArray) -> None:
         """Sum up a block of samples, (n,) and (n, C), but for those that are dropped."""
         low, high = np.array([channel_names.limits_of(channel) for channel in self.channels]).T
@@ -96,7 +91,7 @@ class _Group:
             self.first_strange = float(numbers[0][np.argmax(np.abs(numbers[0]))])
         usable = ordered & plausible
         stamps_ns, values = stamps_ns[usable], values[usable]
-        if self.of_temperature and len(values):
+        if len(values) and self.channels[0].startswith('temperature'):
             wrong_starts = self.spikes.wrong_starts
             stamps_ns, column = self.spikes.admit_all(stamps_ns, values[:, 0])
             values = column[:, np.newaxis]
@@ -117,7 +112,8 @@ class _Group:
         """Say what was dropped and what is doubtful; RecordingError where too much was."""
         first, *others = self.channels
         title = f'{first} … {others[-1]} of {name}' if others else f'{first} of {name}'
-        if self.of_temperature and not self.samples:
+        of_temperature = first.startswith('temperature')
+        if of_temperature and not self.samples:
             yield f'{title} holds no sample; it is left out.'
         if dropped := self.strange + self.out_of_order:
             why_strange = channel_names.why_unusable(first, self.first_strange)
@@ -127,7 +123,7 @@ class _Group:
             sentence = f'{title}: {" and ".join(counts)}; '
             if dropped > max_bad_share * self.samples:
                 remedy = 'Record again, or remove those samples.'
-                if self.of_temperature and not math.isnan(self.first_strange):
+                if of_temperature and not math.isnan(self.first_strange):
                     remedy = UNIT_REMEDY
                 raise RecordingError(
                     f'{sentence}at most {max_bad_share:.1%} may be unusable. {remedy}'
