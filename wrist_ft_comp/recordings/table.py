@@ -90,8 +90,8 @@ class Table:
 
     def _pieces(self, progress: Progress | None) -> Iterator[str]:
         """Read the text, about BLOCK characters at a time."""
-        if self.path.suffix.lower() in _LIBRARIES:
-            yield from _by_library(self.path)
+        if library := _LIBRARIES.get(self.path.suffix.lower()):
+            yield from _by_library(self.path, library)
             return
         size = max(self.path.stat().st_size, 1)
         with self.path.open('rb') as raw:
@@ -374,11 +374,10 @@ def _encoding_of(start: bytes) -> str:
     return 'cp1252'
 
 
-def _by_library(path: Path) -> Iterator[str]:
+def _by_library(path: Path, library: str) -> Iterator[str]:
     """Read the longest sheet of a workbook, or a parquet file, as CSV, some rows at a time."""
     import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
-    library = _LIBRARIES[path.suffix.lower()]
     try:
         if library == 'openpyxl':
             sheets = pandas.read_excel(path, None, header=None, dtype=object, engine=library)
