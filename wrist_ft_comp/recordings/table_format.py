@@ -135,8 +135,7 @@ class Header:
         """Read a number; a missing one is NaN. ValueError where it is none."""
         if cell.lower() in MISSING:
             return nan
-        cell = cell.replace(self.thousands, '') if self.thousands else cell
-        cell = cell.replace(',', '.')
+        cell = cell.replace(self.thousands, '').replace(',', '.')
         if not NUMBER.fullmatch(cell):
             raise ValueError(cell)
         return float(cell)
