@@ -22,12 +22,11 @@ from wrist_ft_comp.recordings.column_map import Column, parse_map
 from wrist_ft_comp.series import CLOCK_NS, NANOSECONDS
 from wrist_ft_comp.stored.safe_file import beginning
 from wrist_ft_comp.stream.clock import NO_TIME
+from wrist_ft_comp.units import TIME_UNITS_NS
 
 #: File beside recordings that says how they are read.
 MAP_FILE = 'recording.yaml'
 _KEYS = {'columns', 'time', 'from', 'until', 'exclude'}
-#: Units of times since the beginning, s.
-_UNITS_S = {'': 1.0, 's': 1.0, 'min': 60.0, 'h': 3600.0}
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ def parse_excerpt(begin: str, end: str, exclude: Iterable[str]) -> Excerpt:
 def _seconds(text: str) -> float:
     """Read a time since the beginning: 4800, 80min, 1.5h or 1:20:00."""
     if match := re.fullmatch(r'(\d+\.?\d*|\.\d+)(s|min|h|)', text.strip()):
-        return float(match[1]) * _UNITS_S[match[2]]
+        return float(match[1]) * (TIME_UNITS_NS[match[2] or 's'] // NANOSECONDS)
     if re.fullmatch(r'\d+(:\d\d){1,2}(\.\d+)?', text.strip()):
         hours, minutes, seconds = (*map(float, text.strip().split(':')), 0.0)[:3]
         return 3600 * hours + 60 * minutes + seconds
