@@ -7,7 +7,7 @@ word of forces. What never changes, what counts, and texts are none of them. Wha
 stays open, as in ``force_z=…``.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import count, pairwise
@@ -156,16 +156,15 @@ def suffix_of(low: float, high: float) -> str:
     return '*0.1' if _TENTHS[0] <= low <= high <= _TENTHS[1] else ''
 
 
-def warn_of_unused(placed: Placed) -> list[str]:
+def warn_of_unused(placed: Placed) -> Iterator[str]:
     """Warn, in one sentence, of columns that are not used, and say what their names mean."""
     unused = [placed.header.names[place] for place in placed.unused]
     unused = [n for n in unused if n and not n.startswith((ORIGIN, column_map.COMPENSATED))]
-    if not unused:
-        return []
-    names = column_map.listed(unused)
-    sentence = f'{placed.table} has columns that are not understood and not used: {names}'
-    meant = Proposal.of([propose(placed)], ()).columns
-    return [f"{sentence}. Perhaps they are: --columns '{meant}'." if meant else f'{sentence}.']
+    if unused:
+        names = column_map.listed(unused)
+        meant = Proposal.of([propose(placed)], ()).columns
+        perhaps = f" Perhaps they are: --columns '{meant}'." if meant else ''
+        yield f'{placed.table} has columns that are not understood and not used: {names}.{perhaps}'
 
 
 def warn_of_clocks(placed: Placed, table: Table | TableInMemory) -> list[str]:
