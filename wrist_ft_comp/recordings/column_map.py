@@ -90,7 +90,7 @@ class Placed:
 
     table: str
     header: Header
-    #: By channel, STAMP and STAMP_NANOSEC.
+    #: By channel, STAMP and STAMP_NANOSEC, from left to right.
     columns: Mapping[str, Column]
     #: What a map names and the table does not have.
     missing: Sequence[Column] = ()

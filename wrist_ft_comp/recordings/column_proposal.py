@@ -169,8 +169,7 @@ def warn_of_unused(placed: Placed) -> Iterator[str]:
 
 def warn_of_clocks(placed: Placed, table: Table | TableInMemory) -> list[str]:
     """Warn of times between channels, which differ from those by which the channels are read."""
-    header, stamp = placed.header, placed.columns.get(STAMP)
-    used = sorted(placed.channels, key=lambda column: column.place)
+    header, stamp, used = placed.header, placed.columns.get(STAMP), placed.channels
     if stamp is None or stamp.place < 0 or not used:
         return []
     first = next((column.place for column in used if column.place > stamp.place), used[-1].place)
@@ -302,14 +301,13 @@ class _Looks:
 
     def channel(self) -> str:
         """Find the axis that its name means, or ''; of a reference only if it says so."""
-        quantity, axis = '', ''
+        axis, by_unit = '', (q for q in ('force', 'torque') if self.unit_of(f'{q}_x'))
+        quantity = next(by_unit, '')
         for word in sorted(self.words, key=len):
             match = _AXIS.fullmatch(word)
             part, axis = match.groups('') if match else (word, axis)
             named = (q for q, words in _QUANTITIES.items() if re.fullmatch(words, part))
             quantity = next(named, quantity)
-        if not quantity and axis:
-            quantity = next((q for q in ('force', 'torque') if self.unit_of(f'{q}_x')), '')
         if not quantity or not axis or self.words[0] == 'external':
             return ''
         name = f'{quantity}_{axis}'
@@ -419,9 +417,9 @@ def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
     for group in numbered.values():
         axes.update(zip(group, AXES, strict=True) if len(group) == len(AXES) else ())
 
-    def rank(looks: _Looks) -> tuple[bool, bool, bool, int, int]:
+    def rank(looks: _Looks) -> tuple[bool, bool, bool, int]:
         is_treated, words = TREATED.search(looks.plain) is not None, looks.words
-        return is_treated, 'raw' not in words, _READING.isdisjoint(words), len(words), looks.place
+        return is_treated, 'raw' not in words, _READING.isdisjoint(words), len(words)
 
     cold = sorted((k for k in free if k not in hot and not k.is_no_reading), key=rank)
     for looks in cold:

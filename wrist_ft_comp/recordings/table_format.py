@@ -382,7 +382,7 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
             disorder[form] = (10 * runs_back + is_odd) * 10**19 + int(np.ptp(stamps_ns))
     if not disorder and all(map(_ELAPSED.fullmatch, filled)):
         return units.TIMEDELTA
-    return min(disorder, key=disorder.__getitem__) if disorder else ''
+    return min(disorder, key=disorder.__getitem__, default='')
 
 
 def _is_in_form(text: str, form: str) -> bool:
