@@ -22,6 +22,8 @@ ROTATION_CHANNEL = 'rotation_speed'
 #: Channels with one name, which are sampled together; thermometers have a number and a unit.
 GROUPS = (AXES, REFERENCE_CHANNELS, FORCE_CHANNELS, (ROTATION_CHANNEL,))
 CHANNELS = tuple(channel for group in GROUPS for channel in group)
+#: By the first words of channels: their units. Those of torques are N m.
+_UNITS = {'temperature': '°C', 'force': 'N', 'linear': 'm/s²', 'rotation': 'rad/s'}
 #: Norm of the specific force at rest, m/s².
 GRAVITY = 9.807
 #: A thermometer of a wrist reads between these, °C; 0 K and readings in kelvin lie outside.
@@ -31,10 +33,8 @@ LARGEST = 1e9
 
 
 def axis_unit(axis: str) -> str:
-    """Return the unit of a channel that is no temperature."""
-    if axis in {*FORCE_CHANNELS, ROTATION_CHANNEL}:
-        return 'rad/s' if axis == ROTATION_CHANNEL else 'm/s²'
-    return 'N' if axis.startswith('force') else 'N m'
+    """Return the unit of an axis, or of any other channel."""
+    return _UNITS.get(axis.removeprefix('reference_').partition('_')[0], 'N m')
 
 
 def is_plausible(value: float) -> bool:

@@ -69,11 +69,7 @@ UNIT_REMEDY = 'Check it and its unit: K and F are named behind it, such as :K.'
 
 def units_of(channel: str) -> Mapping[str, float]:
     """List the units that a channel, or a stamp, may be in."""
-    if channel == STAMP:
-        return _UNITS['s']
-    if channel.startswith('temperature'):
-        return _UNITS['°C']
-    return _UNITS[axis_unit(channel.removeprefix('reference_'))]
+    return _UNITS['s' if channel == STAMP else axis_unit(channel)]
 
 
 def plain_unit(text: str) -> str:
