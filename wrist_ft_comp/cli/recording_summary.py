@@ -168,9 +168,8 @@ def _describe_table(opened: read.OpenTable, progress: Progress) -> Description:
     for channel, count in opened.counts.items():
         role = RAW_WRENCH if channel in AXES else SPECIFIC_FORCE
         role = REFERENCE if channel.startswith(REFERENCE) else role
-        unit = axis_unit(channel.removeprefix('reference_'))
-        if channel.startswith('temperature'):
-            role, unit = TEMPERATURE, '°C'
+        role = TEMPERATURE if channel.startswith(TEMPERATURE) else role
+        unit = axis_unit(channel)
         channels.append(ChannelSummary(channel, unit, count, role, reads.get(channel)))
     first_ns, last_ns = opened.span_ns or (None, None)
     summary = RecordingSummary(
