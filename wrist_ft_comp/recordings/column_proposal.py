@@ -335,15 +335,14 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
         looks = found[channel]
         # A map names a column by its number where its name is none for a map.
         name = names[looks.place]
-        by_number = not name or _MAP_SIGNS.search(name) or names.count(name) > 1
-        name = str(header.columns_before + looks.place + 1) if by_number else name
+        if not name or _MAP_SIGNS.search(name) or names.count(name) > 1:
+            name = str(header.columns_before + looks.place + 1)
         # Behind it stand the factor and the unit that the map has to have.
-        behind = ''
+        behind = header.said.get(channel.partition('_')[0], '')
         if channel.startswith('temperature'):
             behind = looks.thermometer() or ''
-        elif channel not in column_map.STAMP_COLUMNS:
-            unit = looks.unit_of(channel)
-            behind = f':{unit}' if unit else header.said.get(channel.split('_', maxsplit=1)[0], '')
+        elif channel not in column_map.STAMP_COLUMNS and looks.unit_of(channel):
+            behind = f':{looks.unit_of(channel)}'
         proposed[channel] = name + behind
     # Six numbers without a name are a wrench in an order that a person knows.
     unnamed = [looks for looks in free if looks.may_be('force_z')]
