@@ -267,11 +267,9 @@ class _RowConverter:
         self._channels, self._stamp = placed.channels, placed.columns[STAMP]
         #: The places of all columns that are used.
         self.places = [c.place for c in placed.columns.values() if c.place != column_map.ROW]
+        stamps = [c.place for c in self._columns.values() if c.channel in column_map.STAMP_COLUMNS]
         #: What pandas reads stamps as, by place: texts, which are exact, but whole nanoseconds.
-        self.types = {
-            column.place: np.int64 if self._stamp.unit == 'ns' else str
-            for name, column in placed.columns.items() if name in column_map.STAMP_COLUMNS
-        }  # fmt: skip
+        self.types = dict.fromkeys(stamps, np.int64 if self._stamp.unit == 'ns' else str)
         #: The unit or form of stamps; empty until it is found.
         self._form = self._stamp.unit
         #: The last stamp, ns, and how many rows were converted.
