@@ -1,7 +1,5 @@
 """From temperatures to drift: here the model is stepped, once per thermal cell."""
 
-from itertools import pairwise
-
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
@@ -91,10 +89,8 @@ class DriftTracker:
     @property
     def thermometer_doubts(self) -> list[str]:
         """Say which thermometers are replaced and why, and which are exchanged."""
-        state, model = self.thermometers, self.model
-        if state is None or model is None or model.prediction is None:
-            return []
-        return state.sentences + list(self._exchanged.values())
+        state = self.thermometers
+        return [] if state is None else state.sentences + list(self._exchanged.values())
 
     def add(self, sample: Sample) -> list[ThermalCell]:
         """Take one temperature; step the model by the cells that it completes."""
@@ -201,14 +197,13 @@ class DriftTracker:
         most = max(round(temperature_gaps.MOST_GAP_S / period_s), 1)
         self.history_c = np.concatenate((self.history_c, line_c))[-most:]
         self._missing = np.concatenate((self._missing, missing))[-most:]
-        if self.model is not None:
-            self._run(self.model, line_c)
         self.temperature_c, self.reading_c = believed_c, cell.temperature_c
         self._next = cell.number + 1
         self.end_ns = self._next * self.grid.period_ns
-
         if self.model is None:
             return
+        self._run(self.model, line_c)
+
         # The model remembers what was predicted of a thermometer, what one missed, and what nobody
         # knows of a gap.
         off = self.effect(agreed_k) if agreed_k.any() else np.zeros(len(AXES))
@@ -242,8 +237,8 @@ class DriftTracker:
 
     def _gaps(self) -> list[tuple[int, int]]:
         """Give where gaps of the history begin and end."""
-        edges = np.flatnonzero(np.diff(self._missing, prepend=False, append=False)).tolist()
-        return list(pairwise(edges))[::2]
+        edges = np.flatnonzero(np.diff(self._missing, prepend=False, append=False))
+        return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
     def _doubt_mean(self, model: DriftModel, begin: int, end: int) -> FloatArray:
         """Bound the drift where temperatures move otherwise after a gap than in it, (6,)."""
@@ -259,8 +254,7 @@ class DriftTracker:
             if not begin:
                 continue
             before_c, line_c = self.history_c[:begin], self.history_c[begin : end + 1]
-            state = drift_model.at_rest(model, before_c[: model.start_cells])
-            state = drift_model.skip(model, state, before_c)
+            state = drift_model.skip(model, drift_model.at_rest(model, before_c), before_c)
             gap_s = (end - begin) * model.period_ns / NANOSECONDS
             bounds = drift_uncertainty.bound_drift(
                 model, state, before_c, self.history_c[end:], gap_s, self.memory_s
@@ -268,8 +262,7 @@ class DriftTracker:
             zero = drift_model.run_to_end(model, state, line_c)[1].zero
             ended_ns = self.end_ns - (len(self.history_c) - end) * model.period_ns
             bound = np.abs(bounds - zero).max(axis=0) + self._doubt_mean(model, begin, end)
-            left = Uncertainty(ended_ns, bound).left(self.end_ns, self.memory_s)
-            off = off + left
+            off = off + Uncertainty(ended_ns, bound).left(self.end_ns, self.memory_s)
         return off
 
     @staticmethod
@@ -314,14 +307,12 @@ class DriftTracker:
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows none."""
         if model is not None and model.period_ns != self.grid.period_ns:
-            before_ns, uncertainty = self.grid.period_ns, self.uncertainty
+            before_ns = self.grid.period_ns
             at = np.arange(len(self.history_c) * before_ns // model.period_ns)
             at = at * model.period_ns // before_ns
-            history_c, missing = self.history_c[at], self._missing[at]
+            self.history_c, self._missing = self.history_c[at], self._missing[at]
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
-            self._forget()
-            self.history_c, self._missing = history_c, missing
-            self.uncertainty = uncertainty
+            self._next = None
         was_live = self.model is not None
         self.model, self.state, self.awaited, self._exchanged = model, None, None, {}
         self.memory_s = temperature_gaps.longest_gap_s(model)
