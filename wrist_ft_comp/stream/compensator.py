@@ -75,8 +75,8 @@ class Compensator:
         self.external_tare: FloatArray = np.zeros(len(AXES))
         #: Whether somebody tared; else a tare is what keeps the output at a change of model.
         self.tared = False
-        #: What has been said since the last tare on why the zero may have moved.
-        self._said: list[str] = []
+        #: Those of ``zero_doubts`` that nothing but a tare ends.
+        self.lasting_doubts: list[str] = []
         #: What is subtracted at the end of the present ramp, which lasts one cell: the drift of
         #: the model, within the limits.
         self.compensation = no_drift()
@@ -110,15 +110,10 @@ class Compensator:
     @property
     def zero_doubts(self) -> list[str]:
         """Sentences on what has happened since the last tare that may have moved the zero."""
-        said = self._said + drift_warnings.jump_doubts(self.tracker)
+        said = self.lasting_doubts + drift_warnings.jump_doubts(self.tracker)
         if self.compensating and self.tared and self._waits_since_ns is not None:
             said += early_tare_doubts(-math.inf, 0, 'next temperatures')
         return said
-
-    @property
-    def lasting_doubts(self) -> list[str]:
-        """Those of ``zero_doubts`` that nothing but a tare ends."""
-        return self._said
 
     def add_temperature(
         self,
@@ -161,7 +156,7 @@ class Compensator:
         else:
             self._waits_since_ns = None
         if since_ns is not None:
-            self._said += early_tare_doubts(since_ns, stamp_ns, 'temperatures came')
+            self.lasting_doubts += early_tare_doubts(since_ns, stamp_ns, 'temperatures came')
             unloaded = stamp_ns, [np.nan] * len(AXES)  # where no wrench has come
             self._settle(target, keep_output_of or unloaded)
         elif not had_drift:
@@ -175,7 +170,7 @@ class Compensator:
             if any(cell.measured[j] for cell in cells):
                 self.moves[j] = moved
                 if self._tared_ns > self._reported_ns.get(j, math.inf):
-                    self._said += drift_warnings.moved_doubts(self.tracker, moved)
+                    self.lasting_doubts += drift_warnings.moved_doubts(self.tracker, moved)
                 self._reported_ns[j] = self.tracker.end_ns
                 if spacing_ns > grid.period_ns:
                     self._end_ns = stamp_ns + spacing_ns
@@ -240,7 +235,7 @@ class Compensator:
             self._doubt_uncertain('the model went live')
         if self._waits_since_ns is not None and self.compensating:
             since_ns, begun_ns = self._waits_since_ns, self.tracker.end_ns
-            self._said += early_tare_doubts(since_ns, begun_ns, 'model went live')
+            self.lasting_doubts += early_tare_doubts(since_ns, begun_ns, 'model went live')
         if keep_output_of is None or self.compensating:
             self._waits_since_ns = None
         elif self._waits_since_ns is None:
@@ -270,21 +265,21 @@ class Compensator:
         is_held = held_ns > max(usual_silences_ns(self.tracker))
         has_drift = self.compensating and self.tracker.awaited is None and not is_held
         self._waits_since_ns = None if has_drift else stamp_ns
-        self._said += tare_doubts(self.tracker, has_drift=has_drift)
+        self.lasting_doubts += tare_doubts(self.tracker, has_drift=has_drift)
         self._refresh_correction()
         return self.tare
 
     def doubt_zero(self, why: str) -> None:
         """Say until the next tare, in a sentence, why the zero may be another one."""
-        if why not in self._said:
-            self._said.append(why)
+        if why not in self.lasting_doubts:
+            self.lasting_doubts.append(why)
 
     def _doubt_uncertain(self, made: str) -> None:
         for why in uncertain_doubts(self.tracker, made):
             self.doubt_zero(why)
 
     def _forget_doubts(self, but: Sequence[tuple[int, int]] = ()) -> None:
-        self._said.clear()
+        self.lasting_doubts.clear()
         kept = {j for pair in but for j in pair}
         for spikes in (one for j, one in enumerate(self.tracker.spikes) if j not in kept):
             spikes.jump = spikes.jump._replace(by_k=0.0, off_k=0.0)
@@ -318,9 +313,8 @@ class Compensator:
         """Continue from a memory, before the first temperature, as DriftTracker.resume does."""
         self.tracker.resume(memory, by_clock_s)
         # What the memory says of jumps ends when they do.
-        self._said = [
-            why for why in self._said if why not in drift_warnings.jump_doubts(self.tracker)
-        ]
+        of_jumps = drift_warnings.jump_doubts(self.tracker)
+        self.lasting_doubts = [why for why in self.lasting_doubts if why not in of_jumps]
         self._settle(self.target, None)
 
     def _share(self, stamp_ns: int) -> float:
