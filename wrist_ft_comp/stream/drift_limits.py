@@ -16,9 +16,7 @@ MAX_SENSITIVITY_RATE = 0.01
 
 def axis_limits(force_limit: float) -> FloatArray:
     """Spread a limit for forces, N, over the six axes, N and N m, by TORQUE_LEVER_M."""
-    return np.array(
-        [force_limit * (1.0 if axis.startswith('force') else TORQUE_LEVER_M) for axis in AXES]
-    )
+    return np.repeat([force_limit, TORQUE_LEVER_M * force_limit], 3)
 
 
 class Limits:

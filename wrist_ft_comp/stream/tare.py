@@ -5,6 +5,7 @@ What a tare holds beside the load, because of the drift, is said here, too.
 """
 
 from collections.abc import Collection, Iterator, Sequence
+from itertools import compress
 import math
 
 import numpy as np
@@ -67,9 +68,7 @@ class TareCollector:
         stands = (changes == 0) & np.isfinite(wrenches[0])
         others_live = (changes > LIVELY_SHARE).reshape(2, 3).any(axis=1).repeat(3)
         is_odd = np.where(wrenches[0] == 0, np.isin(AXES, list(known)), others_live)
-        return [
-            axis for axis, no in zip(AXES, stands & (is_odd | ~changes.any()), strict=True) if no
-        ]
+        return list(compress(AXES, stands & (is_odd | ~changes.any())))
 
     def result(self) -> tuple[FloatArray, int]:
         """

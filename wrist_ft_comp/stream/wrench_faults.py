@@ -157,8 +157,7 @@ class SensorWatch:
         """
         if self.frozen:
             return ()
-        stuck = self._still[:-1] >= LOOKS - _RUN_LOOKS
-        return tuple(AXES[i] for i in np.flatnonzero(stuck))
+        return tuple(AXES[i] for i in np.flatnonzero(self._still[:-1] >= LOOKS - _RUN_LOOKS))
 
     @property
     def unused(self) -> tuple[str, ...]:
