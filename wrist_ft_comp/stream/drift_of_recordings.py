@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,14 +17,9 @@ from wrist_ft_comp.stream import exchanged_thermometers, failed_thermometers
 from wrist_ft_comp.stream.failed_thermometers import ThermometerState
 from wrist_ft_comp.stream.temperature_gaps import longest_gap_s, reporting_cells
 
-
-class DriftTrack(NamedTuple):
-    """Drift over a recording, known at the ends of thermal cells and linear between them."""
-
-    #: Ends of the cells, and of the one after the last, shape (N + 1,).
-    stamps_ns: IntArray
-    #: At these stamps, arrays of shape (N + 1, 6).
-    drift: Drift
+#: Ends of a recording's cells, and of the one after the last, ns, (N + 1,), and the drift at them,
+#: (N + 1, 6); it is linear between them.
+DriftTrack = tuple[IntArray, Drift]
 
 
 def simulate_drift(
@@ -137,13 +131,10 @@ def _stands_still(temperature_c: FloatArray, cells: int) -> bool:
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:
     """Lay ``simulate_drift`` out over time as the stream does: a cell's drift comes one later."""
-    simulated = simulate_drift(model, recording)
-    cells = recording.first_cell + 1 + np.arange(len(recording) + 1)
-    first_twice = np.concatenate(([0], np.arange(len(recording))))
-    return DriftTrack(
-        cells * recording.period_ns,
-        Drift(simulated.zero[first_twice], simulated.sensitivity[first_twice]),
-    )
+    cell = np.arange(len(recording) + 1)
+    last = np.maximum(cell - 1, 0)
+    drift = Drift(*(part[last] for part in simulate_drift(model, recording)))
+    return (recording.first_cell + 1 + cell) * recording.period_ns, drift
 
 
 def streamed_drift(
@@ -161,10 +152,9 @@ def correct_many(
 ) -> FloatArray:
     """Correct a block of wrenches, N and N m, (n, 6), of stamps, ns, (n,), by drift and tare."""
     # Relative to the first stamp, so that nanoseconds since 1970 keep their precision as floats.
-    origin = track.stamps_ns[0]
-    at, knots = stamps_ns - origin, track.stamps_ns - origin
+    ends_ns, drift = track
+    at, knots = stamps_ns - ends_ns[0], ends_ns - ends_ns[0]
     zero, sensitivity = (
-        np.stack([np.interp(at, knots, column) for column in part.T], axis=1)
-        for part in track.drift
+        np.stack([np.interp(at, knots, column) for column in part.T], axis=1) for part in drift
     )
     return drift_model.correct(raw, Drift(zero, sensitivity), tare)
