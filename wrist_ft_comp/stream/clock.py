@@ -153,19 +153,18 @@ class SourceClocks:
                 return []
             return self._take(clock, sample)
 
-        # Time goes on from the one that was kept where this one is a step behind it.
-        kept_ns = sample.stamp_ns if kept is None else kept.stamp_ns
-        follows = clock.step_ns is None or not leaps(
-            sample.stamp_ns - kept_ns, max(usual_ns, kept_ns - last.stamp_ns)
-        )
-        if kept is None or sample.stamp_ns <= kept_ns or not follows:
-            self.strays += kept is not None
-            clock.kept = sample
-            return []
-        self.leap = self._leap_of_all(last, kept, sample)
-        ran_back = self.leap is not None and self.leap.to_ns < self.leap.from_ns
-        self.leaps += clock.step_ns is not None or ran_back
-        return self._take(clock, kept, sample)
+        if kept is not None:
+            # Time goes on from the one that was kept where this one is a step behind it.
+            step_ns = sample.stamp_ns - kept.stamp_ns
+            usual_ns = max(usual_ns, kept.stamp_ns - last.stamp_ns)
+            if step_ns > 0 and (clock.step_ns is None or not leaps(step_ns, usual_ns)):
+                self.leap = self._leap_of_all(last, kept, sample)
+                ran_back = self.leap is not None and self.leap.to_ns < self.leap.from_ns
+                self.leaps += clock.step_ns is not None or ran_back
+                return self._take(clock, kept, sample)
+            self.strays += 1
+        clock.kept = sample
+        return []
 
     def _leap_of_all(self, last: Sample, first: Sample, second: Sample) -> Leap | None:
         """Find out whether the clock of all was set; one source after the other notices that."""
