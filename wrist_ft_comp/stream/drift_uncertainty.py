@@ -36,7 +36,7 @@ class Uncertainty(NamedTuple):
 
 
 def bound_drift(  # noqa: PLR0913, PLR0917 -- what a gap is between
-    model: DriftModel, state: DriftState, history_c: FloatArray, after_c: FloatArray,
+    model: DriftModel, state: DriftState, history_c: FloatArray, later_c: FloatArray,
     gap_s: float, memory_s: float,
 ) -> FloatArray:  # fmt: skip
     """
@@ -46,8 +46,7 @@ def bound_drift(  # noqa: PLR0913, PLR0917 -- what a gap is between
     between, temperatures may have gone up and come back, or down, as fast as they ever moved over
     SPAN_S, but not beyond all that the model was learnt from.
     """
-    period_s, before_c, later_c = model.period_ns / NANOSECONDS, history_c[-1], after_c
-    after_c = later_c[0]
+    period_s, before_c, after_c = model.period_ns / NANOSECONDS, history_c[-1], later_c[0]
     rate_k_s = np.abs(after_c - before_c) / max(gap_s, period_s)
     for seen_c in (history_c, later_c):
         span = min(max(round(SPAN_S / period_s), 1), len(seen_c) - 1)
