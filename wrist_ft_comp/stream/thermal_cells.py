@@ -215,11 +215,9 @@ class CellAverager:
                     self._latest[column] = min(latest, cell.number)
                 self._begin = cell.number
             self._latest[TEMPERATURE] = end
-            self._cells = {
-                at: (sums, counts)
-                for at, (sums, counts) in self._cells.items()
-                if at >= self._begin or any(counts[TEMPERATURE:])
-            }
+            for at, (_, counts) in list(self._cells.items()):
+                if at < self._begin and not any(counts[TEMPERATURE:]):
+                    del self._cells[at]
             for j in np.flatnonzero(cell.measured).tolist():
                 self._sum(cell.number, TEMPERATURE + j, cell.temperature_c[j : j + 1].tolist())
 
@@ -230,11 +228,9 @@ class CellAverager:
         heard = self._latest[TEMPERATURE]
         now, near = max(self._latest.get(RAW, heard), heard), _PATIENCE_CELLS[RAW]
         # What makes no row and is far from the newest cells is of another clock.
-        self._cells = {
-            cell: (sums, counts)
-            for cell, (sums, counts) in self._cells.items()
-            if counts[RAW] or any(counts[TEMPERATURE:]) or abs(cell - now) <= near
-        }
+        for cell, (_, counts) in list(self._cells.items()):
+            if abs(cell - now) > near and not (counts[RAW] or any(counts[TEMPERATURE:])):
+                del self._cells[cell]
         overdue = {column: now + 1 - cells for column, cells in _PATIENCE_CELLS.items()}
         end = min(max(at, overdue[column]) for column, at in self._latest.items())
         if final:
