@@ -77,10 +77,8 @@ def fill_gaps(means_c: FloatArray, before_c: FloatArray, period_ns: int) -> Floa
     ``means_c``, (N, J), is NaN in them; ``before_c``, (J,), was read before the first cell.
     """
     measured, cells = np.isfinite(means_c), np.arange(len(means_c))
-    newest = np.maximum.accumulate(np.where(measured, cells[:, np.newaxis], -1), axis=0)
-    held_c = np.where(
-        newest < 0, before_c, np.take_along_axis(means_c, np.maximum(newest, 0), axis=0)
-    )
+    newest = np.maximum.accumulate(np.where(measured, 1 + cells[:, np.newaxis], 0), axis=0)
+    held_c = np.take_along_axis(np.vstack((before_c, means_c)), newest, axis=0)
     at = reporting_cells(measured, period_ns)
     return np.stack([np.interp(cells, at, column[at]) for column in held_c.T], axis=1)
 
