@@ -8,8 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from wrist_ft_comp.channels import temperature_channel
-from wrist_ft_comp.drift import drift_model
-from wrist_ft_comp.drift.drift_model import Drift, DriftModel, run_from_rest
+from wrist_ft_comp.drift.drift_model import correct, Drift, DriftModel, run_from_rest
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
@@ -157,4 +156,4 @@ def correct_many(
     zero, sensitivity = (
         np.stack([np.interp(at, knots, column) for column in part.T], axis=1) for part in drift
     )
-    return drift_model.correct(raw, Drift(zero, sensitivity), tare)
+    return correct(raw, Drift(zero, sensitivity), tare)
