@@ -17,12 +17,7 @@ from wrist_ft_comp.stream.drift_limits import axis_limits, Limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.drift_uncertainty import SPAN_S
 from wrist_ft_comp.stream.exchanged_thermometers import exchanged_by_jumps
-from wrist_ft_comp.stream.tare import (
-    early_tare_doubts,
-    tare_doubts,
-    uncertain_doubts,
-    usual_silences_ns,
-)
+from wrist_ft_comp.stream.tare import early_tare_doubts, tare_doubts, usual_silences_ns
 from wrist_ft_comp.stream.temperature_gaps import ThermalMemory
 from wrist_ft_comp.stream.thermal_cells import ThermalCell
 
@@ -266,6 +261,7 @@ class Compensator:
         has_drift = self.compensating and self.tracker.awaited is None and not is_held
         self._waits_since_ns = None if has_drift else stamp_ns
         self.lasting_doubts += tare_doubts(self.tracker, has_drift=has_drift)
+        self._doubt_uncertain('the tare was taken')
         self._refresh_correction()
         return self.tare
 
@@ -275,8 +271,12 @@ class Compensator:
             self.lasting_doubts.append(why)
 
     def _doubt_uncertain(self, made: str) -> None:
-        for why in uncertain_doubts(self.tracker, made):
-            self.doubt_zero(why)
+        """Say that a zero that is made now, in words, is of a drift that may be off."""
+        if drift_warnings.gap_doubts(self.tracker) or drift_warnings.frozen_doubts(self.tracker):
+            self.doubt_zero(
+                f'{made} while the thermal state was uncertain; call ~/tare when the status '
+                'temperature is OK'
+            )
 
     def _forget_doubts(self, but: Sequence[tuple[int, int]] = ()) -> None:
         self.lasting_doubts.clear()

@@ -18,7 +18,6 @@ from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
-from wrist_ft_comp.stream.drift_warnings import frozen_doubts, gap_doubts
 from wrist_ft_comp.stream.wrench_faults import LIVELY_SHARE
 
 #: Parts whose means are compared with the whole: noise averages out, motion does not.
@@ -162,16 +161,6 @@ def tare_doubts(tracker: DriftTracker, *, has_drift: bool) -> Iterator[str]:
                 f'the tare was taken while the model remembers that thermometer {j} jumped; '
                 f'tare again in {wait_s / 60:.0f} min'
             )
-    yield from uncertain_doubts(tracker, 'the tare was taken')
-
-
-def uncertain_doubts(tracker: DriftTracker, made: str) -> Iterator[str]:
-    """Say that a zero that is made now, in words, is of a drift that may be off."""
-    if gap_doubts(tracker) or frozen_doubts(tracker):
-        yield (
-            f'{made} while the thermal state was uncertain; call ~/tare when the status '
-            'temperature is OK'
-        )
 
 
 def early_tare_doubts(since_ns: float, begun_ns: int, because: str) -> Iterator[str]:
