@@ -260,15 +260,17 @@ def test_after_a_night_a_sensor_as_cold_as_a_room_has_soaked(make_model, morning
     assert bool(gap_doubts(morning.tracker)) == is_doubted
 
 
-def test_a_stream_that_was_killed_after_its_first_cell_goes_on_after_minutes(make_model):
-    model = make_model({'force_z': (0.4, 0.0, 600.0)})
-    first = Compensator(1, model=model)
-    heat(range(2), 20.0, first)
+@pytest.mark.parametrize('cell_s', [1, 120])
+def test_a_stream_that_was_killed_after_a_first_cell_goes_on_after_minutes(make_model, cell_s):
+    model, settings = make_model({'force_z': (0.4, 0.0, 600.0)}, period_s=cell_s), StreamSettings()
+    first = Compensator(1, settings, model)
+    heat(range(3 * cell_s), 20.0, first)
     memory = first.memory()
     for saved in (memory, replace(memory, history=())):
-        second = Compensator(1, model=model)
+        second = Compensator(1, settings, model)
         second.resume(saved, 300.0)
-        heat(range(302, 306), 25.0, second)
+        heat(range(300 + 3 * cell_s, 306 + 5 * cell_s), 25.0, second)
+        assert second.tracker.awaited is None
         assert np.isfinite(second.compensation.zero).all()
         assert not any('nan' in doubt for doubt in gap_doubts(second.tracker))
 

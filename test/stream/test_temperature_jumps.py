@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
-from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.temperature_jumps import SpikeFilter
 
 SECOND = 1_000_000_000
@@ -91,6 +91,16 @@ def test_a_tare_soon_after_a_jump_is_doubted_until_the_model_forgets(make_model,
             expected = why if second == end else 'tare again in'
             assert [expected in doubt for doubt in compensator.zero_doubts] == [True]
             compensator.set_tare(np.zeros(6), second * SECOND)
+    assert compensator.zero_doubts == []
+
+
+def test_without_a_model_nothing_remembers_that_a_thermometer_jumped():
+    compensator = Compensator(1, StreamSettings(thermal_period_s=60.0))
+    for second in range(1205):
+        compensator.add_temperature(0, second * SECOND, 20.0 if second < 1080 else 40.0)
+        if compensator.tracker.spikes[0].jump.at_ns is not None:
+            break
+    compensator.set_tare(np.zeros(6), second * SECOND)
     assert compensator.zero_doubts == []
 
 

@@ -103,8 +103,8 @@ def judge(
     nothing where nobody predicts them, or where none reads the same for long.
     """
     prediction, period_s = model.prediction, model.period_ns / NANOSECONDS
-    still_cells = max(round(failed_thermometers.STILL_S / period_s), 1)
-    if prediction is None or not _stands_still(temperature_c, still_cells):
+    still_s = max(failed_thermometers.stands_s(one, period_s).max() for one in temperature_c.T)
+    if prediction is None or still_s < failed_thermometers.STILL_S:
         return
     cells = reporting_cells(measured, model.period_ns)
     longest = longest_gap_s(model) * NANOSECONDS / model.period_ns
@@ -119,13 +119,6 @@ def judge(
         )
         last = cell
         yield state
-
-
-def _stands_still(temperature_c: FloatArray, cells: int) -> bool:
-    """Whether any of J thermometers, (N, J), reads the same in more cells in a row than some."""
-    changes = np.diff(temperature_c, axis=0) != 0
-    ends = [np.flatnonzero(column) for column in changes.T]
-    return any(np.diff(end, prepend=-1, append=len(changes)).max() >= cells for end in ends)
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:

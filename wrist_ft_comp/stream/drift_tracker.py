@@ -271,10 +271,12 @@ class DriftTracker:
 
     def _stood_still(self, cell: ThermalCell, gap_s: float) -> str:
         """Say that clocks stood still in a gap: all temperatures moved farther than they can."""
-        span = round(SPAN_S * NANOSECONDS / self.grid.period_ns)
+        period_s = self.grid.period_ns / NANOSECONDS
+        span = max(round(SPAN_S / period_s), 1)
         if self.reading_c is None or gap_s <= 0 or len(self.history_c) <= span:
             return ''
-        seen_k_s = np.abs(self.history_c[span:] - self.history_c[:-span]).max(axis=0) / SPAN_S
+        seen_k_s = np.abs(self.history_c[span:] - self.history_c[:-span]).max(axis=0)
+        seen_k_s = seen_k_s / (span * period_s)
         most_k = JUMP_K + np.maximum(seen_k_s, _FASTEST_K_S) * gap_s
         if (np.abs(cell.temperature_c - self.reading_c) <= most_k).any():
             return ''

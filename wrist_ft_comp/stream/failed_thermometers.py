@@ -154,7 +154,7 @@ def step(  # noqa: PLR0913, PLR0917 -- a cell as it comes
     # Count for how long each is silent, and has stood still while its prediction moved.
     time_s = min(gap_s + period_s, max(period_s, _MOST_COUNTED_S))
     silent_s = np.where(heard, 0.0, before.silent_s + time_s)
-    changed = heard & (reading_c != before.reading_c)
+    changed = heard & differ(reading_c, before.reading_c)
     together_c = np.where(changed[:, np.newaxis], reading_c, before.together_c)
     still_s = np.where(changed, 0.0, before.still_s + time_s)
     lowest_c = np.where(changed, smooth_c, np.minimum(before.lowest_c, smooth_c))

@@ -84,7 +84,7 @@ class SpikeFilter:
         """For how long a model remembers what it read before it jumped, s; 0 if not."""
         if self.jump.at_ns is None:
             return 0.0
-        age_s = (now_ns - self.jump.at_ns) / NANOSECONDS
+        age_s = max((now_ns - self.jump.at_ns) / NANOSECONDS, 0.0)  # a jump ends no cell
         return max(memory_s - age_s, 0.0)
 
     @property
