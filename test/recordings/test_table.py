@@ -180,6 +180,13 @@ def test_a_time_of_day_goes_on_after_midnight(make_csv, monkeypatch):
     assert stamps == [(22 * 3600 + 600 * k) * 10**9 for k in range(24)]
 
 
+def test_a_row_that_is_late_at_midnight_is_of_the_day_before(make_csv):
+    times = [f'23:59:5{k}' for k in (7, 9)] + ['00:00:01', '23:59:58', '00:00:02']
+    rows = ''.join(f'{at},{k},20\n' for k, at in enumerate(times))
+    stamps, _ = all_samples(make_csv(f't,Fz,T\n{rows}'), SAID)[0]['force_z']
+    assert [stamp // 10**9 - 86_400 for stamp in stamps] == [-3, -1, 1, -2, 2]
+
+
 #: What is in the file, and words of the sentence: what was expected, and where.
 BAD = [
     ('', 'run.csv is empty'),
@@ -201,6 +208,7 @@ BAD = [
     ('stamp_ns,force_z,temperature_c\n99999999999999999999,1,2\n', "stamp_ns.*'9999"),
     ('stamp_ns,force_z,temperature_c\n1,1,2\nnan,1,2\n', "Line 3 .*column stamp_ns.*got 'nan'"),
     ('stamp_s,stamp_nanosec,force_z,temperature_c\n1,1,1,2\n2,,1,2\n', "stamp_nano.*got ''"),
+    ('force_z,temperature_c,stamp_s\n1,20\n2,21\n', 'column stamp_s: expected a time'),
     (b'\x89PNG\r\n\x1a\n\0\0\r\n', 'is no text'),
 ]  # fmt: skip
 

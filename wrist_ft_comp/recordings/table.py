@@ -16,7 +16,6 @@ from functools import partial
 import gzip
 from io import StringIO, TextIOWrapper
 import lzma
-from math import nan
 from pathlib import Path
 import re
 import shlex
@@ -47,6 +46,8 @@ _SHOWN_ROWS, _SHOWN_LATER, _GOLDEN = 3000, 100, 0.6180339887
 #: A clock begins anew where this many rows after a step back, all in order, are before as many
 #: that were in order before it; fewer are samples that came late.
 _SURE_ROWS = 10
+#: A row may come later than those of the next day by this, ns.
+_LATEST_NS = 60 * NANOSECONDS
 _PACKED = (b'\x1f\x8b', gzip), (b'BZh', bz2), (b'\xfd7zXZ', lzma)
 #: What a cell that cannot be converted raises.
 _BAD = ValueError, ArithmeticError, TypeError, AttributeError
@@ -266,7 +267,7 @@ class _RowConverter:
         self._name, self._columns, self._header = placed.table, placed.columns, placed.header
         self._channels, self._stamp = placed.channels, placed.columns[STAMP]
         #: The places of all columns that are used.
-        self.places = [c.place for c in placed.columns.values() if c.place != column_map.ROW]
+        self.places = sorted({c.place for c in placed.columns.values()} - {column_map.ROW})
         stamps = [c.place for c in self._columns.values() if c.channel in column_map.STAMP_COLUMNS]
         #: What pandas reads stamps as, by place: texts, which are exact, but whole nanoseconds.
         self.types = dict.fromkeys(stamps, np.int64 if self._stamp.unit == 'ns' else str)
@@ -277,12 +278,13 @@ class _RowConverter:
 
     def __call__(self, frame: Any) -> Rows:
         """Convert columns by their places, numbers or texts, of rows by their lines."""
+        frame = frame.reindex(columns=self.places)  # a header may name more than rows hold
         if self._stamp.place in frame and _is_empty(frame[self._stamp.place]).any():
             # Of two groups of columns with their own clocks, one is shorter.
-            frame = frame[~_is_empty(frame[self.places]).all(axis=1)]
+            frame = frame[~_is_empty(frame).all(axis=1)]
         lines, values = frame.index.to_numpy(), {}
         for column in self._channels:
-            cells = np.asarray(frame.get(column.place, np.full(len(lines), nan)))
+            cells = frame[column.place].to_numpy()
             if cells.dtype.kind not in 'iuf':
                 cells = self._convert(self._numbers, cells.tolist(), column, lines)
             values[column.channel] = column.to_channel(cells.astype(float))
@@ -348,8 +350,11 @@ class _RowConverter:
         if form.startswith(('%H', '%I')):
             day, time_ns = divmod(self._last_ns, DAY_NS)
             stamps_ns = stamps_ns % DAY_NS
-            has_passed = np.diff(stamps_ns, prepend=time_ns) < -DAY_NS // 2  # midnight
-            stamps_ns = stamps_ns + (day + np.cumsum(has_passed)) * DAY_NS
+            before_ns = time_ns if self._count else stamps_ns[0]
+            steps_ns = np.diff(stamps_ns, prepend=before_ns)
+            # Midnight passed; or a row is late, and of the day before.
+            days = (steps_ns < -DAY_NS // 2) * 1 - (steps_ns > DAY_NS - _LATEST_NS)
+            stamps_ns = stamps_ns + (day + np.cumsum(days)) * DAY_NS
             self._last_ns = int(stamps_ns[-1])
         return np.asarray(stamps_ns)
 
