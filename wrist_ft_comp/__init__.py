@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from wrist_ft_comp.errors import WristFtCompError
     from wrist_ft_comp.fit.calibrate import calibrate
+    from wrist_ft_comp.fit.paper_methods import accuracy, thermal_sensitivity_drift
     from wrist_ft_comp.fit.result import Calibration
     from wrist_ft_comp.fit.settings import CalibrationSettings
     from wrist_ft_comp.recording import Recording, Topics
     from wrist_ft_comp.recordings.read import compensate, read_recording, recording_from_columns
-    from wrist_ft_comp.report.evaluation import accuracy, evaluate, thermal_sensitivity_drift
+    from wrist_ft_comp.report.evaluation import evaluate
     from wrist_ft_comp.report.html_page import write_report
     from wrist_ft_comp.stored.model_file import load_model, save_model
     from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -29,8 +30,8 @@ ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'OMP_NUM_THRE
 
 #: Where the names live that are for others: as above, where type checkers read it.
 _HOMES = {
-    'accuracy': 'report.evaluation',
-    'thermal_sensitivity_drift': 'report.evaluation',
+    'accuracy': 'fit.paper_methods',
+    'thermal_sensitivity_drift': 'fit.paper_methods',
     'calibrate': 'fit.calibrate', 'write_report': 'report.html_page',
     'Calibration': 'fit.result', 'CalibrationSettings': 'fit.settings',
     'compensate': 'recordings.read', 'recording_from_columns': 'recordings.read',

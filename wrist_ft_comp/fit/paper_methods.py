@@ -7,7 +7,8 @@ Source: "Design of Temperature Compensation Module of the Industrial Robot Wrist
 on Multivariate Regression Method", Sensors & Transducers, 2014; docs/paper.md goes through it
 equation by equation. ``pcr`` and ``pls`` are static (eq. 3 to 10), ``filtered_pls`` has a filter
 for each latent (eq. 11 to 14, all in ``pls``), ``arx_pls`` an ARX for each latent (eq. 15 to 22).
-``arx_pls_oe`` has free time constants that minimise the error of the free run (eq. 16).
+``arx_pls_oe`` has free time constants that minimise the error of the free run (eq. 16). Last come
+the paper's performance indices of a sensor over temperature: K_s (eq. 23) and A (eq. 24).
 """
 
 from collections.abc import Callable, Mapping
@@ -21,7 +22,7 @@ import scipy  # which loads its parts when they are used
 from wrist_ft_comp.drift.arx_pls import static_gain
 from wrist_ft_comp.drift.drift_model import AxisModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.errors import TooShortError
+from wrist_ft_comp.errors import SettingsError, TooShortError
 from wrist_ft_comp.fit import auto_method as ridges
 from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
@@ -260,3 +261,40 @@ def anchor(data: AxisData, model: AxisModel) -> AxisModel:
     # A load that is constant within each recording leaves the gain error at T_ref open.
     is_open = w @ w <= ROUNDING * sum(np.nansum(load**2) for load in data.load)
     return model.anchored([0.0, 0.0 if is_open else float(w @ error / (w @ w))])
+
+
+def thermal_sensitivity_drift(
+    temperature_c: FloatArray, zero_output: FloatArray, full_scale_output: FloatArray,
+    reference_c: float,
+) -> FloatArray:  # fmt: skip
+    """
+    Compute the coefficient of thermal sensitivity drift K_s (eq. 23), % of full scale per °C.
+
+        K_s(T_i) = (Y_f(T_i) - Y_0(T_i) - Y_f(T) + Y_0(T)) / ((T_i - T)(Y_f(T) - Y_0(T))) · 100
+
+    Takes T_i, °C, and the output there without load, Y_0, and under full load, Y_f, in any unit,
+    all of shape (P,), and T, one of the temperatures. Gives K_s, shape (P,), NaN at T itself.
+    SettingsError when T is none of the temperatures, or load does not change the output there.
+    """
+    at_reference = np.flatnonzero(temperature_c == reference_c)
+    spans = full_scale_output - zero_output
+    if len(at_reference) != 1 or spans[at_reference[0]] == 0:
+        raise SettingsError(
+            f'The reference temperature of K_s must be one of {temperature_c.tolist()} °C, where '
+            f'zero and full load read differently; got {reference_c:g} °C.'
+        )
+    span = spans[at_reference[0]]
+    distance = np.where(temperature_c == reference_c, np.nan, temperature_c - reference_c)
+    return np.asarray(100 * (spans - span) / (distance * span))
+
+
+def accuracy(output: FloatArray, expected: FloatArray, full_scale: float) -> float:
+    """
+    Compute the accuracy A: the largest absolute error, in % of full scale (eq. 24).
+
+    Takes what was measured, in any unit, NaN where nothing was, what should have been, of a shape
+    that broadcasts with it, and the output of full load over that without; SettingsError at 0.
+    """
+    if full_scale == 0:
+        raise SettingsError('The full scale of A must not be 0.')
+    return float(100 * np.nanmax(np.abs(output - expected)) / abs(full_scale))

@@ -1,8 +1,4 @@
-"""
-What a model leaves of the drift in recordings: errors in means over 10 s, and their figures.
-
-Besides, the paper's performance indices of a sensor over temperature: K_s (eq. 23), A (eq. 24).
-"""
+"""What a model leaves of the drift in recordings: errors in means over 10 s, and their figures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -115,43 +111,6 @@ def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]
             peak = np.max(np.abs(both), axis=1)
             judged[axis] = AxisEvaluation(*rms.tolist(), *peak.tolist())
     return judged
-
-
-def thermal_sensitivity_drift(
-    temperature_c: FloatArray, zero_output: FloatArray, full_scale_output: FloatArray,
-    reference_c: float,
-) -> FloatArray:  # fmt: skip
-    """
-    Compute the coefficient of thermal sensitivity drift K_s (eq. 23), % of full scale per °C.
-
-        K_s(T_i) = (Y_f(T_i) - Y_0(T_i) - Y_f(T) + Y_0(T)) / ((T_i - T)(Y_f(T) - Y_0(T))) · 100
-
-    Takes T_i, °C, and the output there without load, Y_0, and under full load, Y_f, in any unit,
-    all of shape (P,), and T, one of the temperatures. Gives K_s, shape (P,), NaN at T itself.
-    SettingsError when T is none of the temperatures, or load does not change the output there.
-    """
-    at_reference = np.flatnonzero(temperature_c == reference_c)
-    spans = full_scale_output - zero_output
-    if len(at_reference) != 1 or spans[at_reference[0]] == 0:
-        raise refusals.SettingsError(
-            f'The reference temperature of K_s must be one of {temperature_c.tolist()} °C, where '
-            f'zero and full load read differently; got {reference_c:g} °C.'
-        )
-    span = spans[at_reference[0]]
-    distance = np.where(temperature_c == reference_c, np.nan, temperature_c - reference_c)
-    return np.asarray(100 * (spans - span) / (distance * span))
-
-
-def accuracy(output: FloatArray, expected: FloatArray, full_scale: float) -> float:
-    """
-    Compute the accuracy A: the largest absolute error, in % of full scale (eq. 24).
-
-    Takes what was measured, in any unit, NaN where nothing was, what should have been, of a shape
-    that broadcasts with it, and the output of full load over that without; SettingsError at 0.
-    """
-    if full_scale == 0:
-        raise refusals.SettingsError('The full scale of A must not be 0.')
-    return float(100 * np.nanmax(np.abs(output - expected)) / abs(full_scale))
 
 
 def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:
