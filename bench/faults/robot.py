@@ -46,6 +46,8 @@ from wrist_ft_comp.wire.gravity_by_tf import tf_layouts
 LIFE_S = 12 * 3600
 #: Time from one duty cycle of the motor to the next, and a thermal cell of the models, s.
 DUTY_S, CELL_S = 2400, 5
+#: Share of temperatures that a busy driver loses.
+_LOST = 0.1
 #: For this long after a change the robot is simulated in short steps, later in long ones, s; while
 #: a sensor saturates in pulses, in the shortest, those of the node's own looks.
 FAST_S, SHORT_S, LONG_S, SHORTEST_S = 90.0, 0.25, 2.0, 0.1
@@ -84,7 +86,7 @@ def warm(
     nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(room_c[0]), drive)[:-1]
     places = interpolation(np.array(PLACES[:thermometers]))
     read_c = nodes_c @ places.T
-    celsius = np.round((read_c + rng.normal(0, 0.01, read_c.shape)) * 64) / 64
+    celsius = np.round(read_c + rng.normal(0, 0.01, read_c.shape), 2)
     return celsius, ft_sensor.measured_wrench(sensor, nodes_c, np.zeros(len(AXES)))
 
 
@@ -333,7 +335,8 @@ class Robot:
 
     def _send_temperature(self, j: int, second: int) -> None:
         how, value = self.thermometer[j], float(self._celsius[second, self.lies[j]])
-        if how == 'dead' or (how == 'sparse' and second % 30):
+        # Some are lost, so that the means of equal readings differ in the last bit.
+        if how == 'dead' or (how == 'sparse' and second % 30) or self.rng.random() < _LOST:
             return
         if how == 'frozen':
             value = self._frozen_c[j]
