@@ -278,6 +278,17 @@ def test_a_single_one_is_doubted_when_it_stands_still_longer_than_ever(repeats_s
     assert failed_thermometers.too_still_s(readings_c, 5.0) == (still_s if said else 0)
 
 
+def test_all_that_freeze_together_are_doubted_by_their_own_stands(learn, make_day):
+    compensator, day = Compensator(3, model=learn(3).model), make_day(6)
+    for j in range(3):
+        day = failing(day, 'frozen', j, begin=300)
+    stream(compensator, day, end=358)
+    assert frozen_doubts(compensator.tracker) == []
+    stream(compensator, day, 358, 365)
+    doubts = frozen_doubts(compensator.tracker)
+    assert ['has read the same for 11 min' in doubt for doubt in doubts] == [True] * 3
+
+
 def test_one_that_freezes_on_a_quiet_robot_is_doubted_by_its_own_stands(learn, make_day):
     model = replace(learn(3).model, deviation={'force_z': 0.02})
     compensator, day = Compensator(3, model=model), failing(make_day(6), 'frozen', begin=300)

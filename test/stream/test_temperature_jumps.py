@@ -36,6 +36,16 @@ def test_what_metal_cannot_have_gone_to_is_left_out(values_c, expected, dropped,
     assert not spikes.leaves_out
 
 
+@pytest.mark.parametrize(('after_s', 'by_k', 'stays'), [(40, 8, 8), (60, 2.8, 0), (600, 13, 0)])
+def test_a_jump_in_a_short_silence_is_believed_and_told(after_s, by_k, stays):
+    one_by_one, at_once = SpikeFilter(), SpikeFilter()
+    for second in (*range(300), 300 + after_s):
+        assert one_by_one.admit(second * SECOND, 20.0 if second < 300 else 20.0 + by_k)
+    stamps_ns = SECOND * np.append(np.arange(300), 300 + after_s)
+    at_once.admit_all(stamps_ns, np.append(LONG, 20.0 + by_k))
+    assert one_by_one.stayed_k == at_once.stayed_k == stays
+
+
 def test_a_jump_is_told_until_it_comes_back_or_a_tare():
     """However little the model remembers; the sentence is one of the zero's doubts."""
     compensator, at = Compensator(1), 0

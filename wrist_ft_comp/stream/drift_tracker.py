@@ -16,7 +16,7 @@ from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
 from wrist_ft_comp.stream.drift_uncertainty import SPAN_S, Uncertainty
 from wrist_ft_comp.stream.failed_thermometers import ThermometerState
 from wrist_ft_comp.stream.temperature_gaps import ThermalMemory, why_forgotten
-from wrist_ft_comp.stream.temperature_jumps import Jump, JUMP_K, SpikeFilter
+from wrist_ft_comp.stream.temperature_jumps import FASTEST_K_S, Jump, JUMP_K, SpikeFilter
 from wrist_ft_comp.stream.thermal_cells import ThermalCell, ThermalGrid
 
 #: A shorter gap is not reported, s, though the model may remember less: a thermometer may be read
@@ -24,8 +24,6 @@ from wrist_ft_comp.stream.thermal_cells import ThermalCell, ThermalGrid
 _REPORTED_GAP_S = 600.0
 #: What one of several thermometers missed while it was silent for longer is remembered, s.
 _SILENT_S = 60.0
-#: Wrists warm and cool by no more than this, K/s, unless they were seen to.
-_FASTEST_K_S = 0.02
 #: Origin of the drift of a model that has seen no temperature.
 _NOT_YET = 'no temperatures yet'
 #: Origin of the drift of a restarted stream before its first temperature.
@@ -277,7 +275,7 @@ class DriftTracker:
             return ''
         seen_k_s = np.abs(self.history_c[span:] - self.history_c[:-span]).max(axis=0)
         seen_k_s = seen_k_s / (span * period_s)
-        most_k = JUMP_K + np.maximum(seen_k_s, _FASTEST_K_S) * gap_s
+        most_k = JUMP_K + np.maximum(seen_k_s, FASTEST_K_S) * gap_s
         if (np.abs(cell.temperature_c - self.reading_c) <= most_k).any():
             return ''
         return f'all temperatures changed faster in {gap_s:.0f} s than ever: clocks stood still'

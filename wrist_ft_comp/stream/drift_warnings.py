@@ -41,8 +41,10 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
         known_s = usual_s[j] if usual_s else None
         return failed_thermometers.too_still_s(tracker.history_c[:, j], period_s, known_s)
 
-    if state is None or model is None or model.prediction is None:
-        silent, sentences = tracker.grid.silent(tracker.end_ns // period_ns), list[str]()
+    silent, sentences = tracker.grid.silent(tracker.end_ns // period_ns), list[str]()
+    # Where all stand still, none is left that could predict another one.
+    all_still = all(map(too_still_s, range(len(silent))))
+    if all_still or state is None or model is None or model.prediction is None:
         for j in range(len(silent)):
             if not silent[j] and (still_s := too_still_s(j)):
                 sentences.append(
@@ -50,7 +52,7 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
                     'as long as before; is it frozen? The drift follows it'
                 )
         return sentences
-    sentences, one = [], np.eye(len(state.moved_k))
+    one = np.eye(len(silent))
     for j in tracker.replaced:
         # Held-out predictions were off by a third of this at most.
         if worst := _off(model, tracker.effect(one[j] * model.prediction.agree_k / 3)):

@@ -20,6 +20,8 @@ from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 JUMP_K = 2.0
 #: ... plus this for every second between them, K/s.
 _JUMP_K_S = 0.2
+#: Wrists warm and cool by no more than this, K/s, unless they were seen to.
+FASTEST_K_S = 0.02
 #: A start takes the body as soaked at the temperatures after this time, s, because a first reading
 #: may be of nothing.
 START_S = 10.0
@@ -27,15 +29,17 @@ START_S = 10.0
 Reading = tuple[int, float]
 
 
-def jumps(steps_k: FloatArray | float, elapsed_s: FloatArray | float) -> BoolArray:
+def jumps(
+    steps_k: FloatArray | float, elapsed_s: FloatArray | float, fastest_k_s: float = _JUMP_K_S
+) -> BoolArray:
     """Say which changes, K, are too fast for metal, by the seconds that each took; any shape."""
-    return np.asarray(np.abs(steps_k) > JUMP_K + _JUMP_K_S * elapsed_s)
+    return np.asarray(np.abs(steps_k) > JUMP_K + fastest_k_s * elapsed_s)
 
 
-def _apart(one: Reading, other: Reading) -> bool:
+def _apart(one: Reading, other: Reading, fastest_k_s: float = _JUMP_K_S) -> bool:
     """Whether temperature cannot have gone from one sample to the other, in whole seconds."""
     elapsed_s = abs(other[0] // NANOSECONDS - one[0] // NANOSECONDS)
-    return bool(jumps(other[1] - one[1], elapsed_s))
+    return bool(jumps(other[1] - one[1], elapsed_s, fastest_k_s))
 
 
 @dataclass
@@ -119,6 +123,8 @@ class SpikeFilter:
             self._believed, self._other = _Run(believed.begin_ns, sample, believed.count + 1), None
             if other is not None and agrees:  # over a gap, both may have cooled
                 self.note_jump(stamp_ns, other.last[1] - believed_c)
+            elif _apart(believed.last, sample, FASTEST_K_S):  # believed, but no wrist does so
+                self.note_jump(stamp_ns, temperature_c - believed_c)
             return True
         begin_ns = other.begin_ns if other is not None and agrees else stamp_ns
         lasted_ns = believed_ns - believed.begin_ns
@@ -161,8 +167,8 @@ class SpikeFilter:
         first, last = ((int(stamps_ns[k]), float(temperature_c[k])) for k in (0, -1))
         before = self._believed or _Run(first[0], first, 0)
         elapsed_s = np.diff(stamps_ns // NANOSECONDS, prepend=before.last[0] // NANOSECONDS)
-        jumped = jumps(np.diff(temperature_c, prepend=before.last[1]), elapsed_s)
-        if not self.leaves_out and not jumped.any():
+        steps_k = np.diff(temperature_c, prepend=before.last[1])
+        if not self.leaves_out and not jumps(steps_k, elapsed_s, FASTEST_K_S).any():
             self._believed = _Run(before.begin_ns, last, before.count + len(stamps_ns))
             return stamps_ns, temperature_c
         counted = np.zeros(len(stamps_ns), dtype=bool)
