@@ -250,6 +250,10 @@ def test_a_slow_disk_delays_nobody_and_of_a_file_the_newest_is_written(tmp_path,
         assert asked.wait(TIMEOUT_S)
     assert not writer.end(0.0)
     assert not writer.poll()
+    assert writer.problems == {}
+    monkeypatch.setattr(safe_file, '_HANGS_S', 0.0)
+    assert not writer.poll()
+    assert writer.problems['a'].startswith('a is not written: the disk does not answer; until')
     answers.set()
     assert writer.end(TIMEOUT_S)
     assert writer.poll()

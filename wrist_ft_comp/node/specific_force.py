@@ -37,6 +37,9 @@ _REPORTS = 10
 #: The norm of a calibrated accelerometer deviates from gravity by less than this share of it, or
 #: by more to both sides, as motion makes it.
 _NORM_DEVIATION = 0.03
+#: Specific force that is stamped farther ahead of the wrench, s, is of another clock: its weight
+#: is taken off so much later.
+_AHEAD_S = 0.3
 #: More of the wrenches than this share without fresh specific force are a warning.
 _MISSED_SHARE = 0.1
 #: The weight is in doubt where it changes by more than this share between two samples, on the
@@ -134,6 +137,8 @@ class SpecificForceInput(Part):
         self._recent = RecentFrames(IMU_DOUBLES)
         #: The specific forces of the last reports, while new ones come.
         self._felt = deque[Force](maxlen=_REPORTS)
+        #: And how far these were stamped ahead of the newest wrench, s.
+        self._ahead_s = deque[float](maxlen=_REPORTS)
 
     def start(self) -> None:
         """Subscribe; SettingsError when what is asked for cannot be had."""
@@ -274,12 +279,21 @@ class SpecificForceInput(Part):
             self._felt.append(newest[1])
         else:
             self._felt.clear()
+        if is_new and grown['came'] and wrench_ns is not None:
+            self._ahead_s.append((newest[0] - wrench_ns) / NANOSECONDS)
+        else:
+            self._ahead_s.clear()
         if grown['missed'] / wrenches > _MISSED_SHARE and wrench_ns is not None:
             apart_s = abs(wrench_ns - newest[0]) / NANOSECONDS
             if apart_s > FORCE_APART_S and is_new:
                 yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
             else:
                 yield f'specific force is older than gravity.timeout, or stays away; {rests}'
+        elif len(self._ahead_s) == _REPORTS and (ahead_s := min(self._ahead_s)) > _AHEAD_S:
+            yield (
+                f'specific force is stamped {ahead_s:.1f} s ahead of the wrench, so that the '
+                'weight that is taken off may be as old: two clocks; synchronise them'
+            )
         step_s, step = self.forces.last_step
         if 0 < grown['forces'] / wrenches < 0.5 and step > 2 * _STEP_SHARE * GRAVITY:
             yield (

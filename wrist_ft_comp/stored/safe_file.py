@@ -32,6 +32,8 @@ Record = TypeVar('Record')
 _SUFFIX = '.wrist_ft_comp.tmp'
 #: What to do where a node's own file is refused by the disk; what is lost until then follows.
 MAKE_ROOM = 'Make room, or choose another data_directory;'
+#: A disk that takes longer than this for a file hangs, s.
+_HANGS_S = 10.0
 #: Endings that promise a content: a new file of another content may not have them.
 _PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .mcap .db3'
 #: What no path holds: a NUL, or half of a character of two; bytes that are no text are others.
@@ -106,6 +108,8 @@ class FileWriter:
         #: What is to be called with the outcomes of writes.
         self._outcomes: list[tuple[Callable[[str], None], str]] = []
         self._ended = False
+        #: What is being written, and since when, s.
+        self._writing = '', 0.0
         self._changed = threading.Condition()
         # A daemon: a disk that never answers must not keep the process.
         self._thread = threading.Thread(target=self._run, name='file writer', daemon=True)
@@ -128,6 +132,13 @@ class FileWriter:
         """Tell the outcomes of writes to whoever waits for them; whether there were any."""
         with self._changed:
             outcomes, self._outcomes = self._outcomes, []
+            name, since_s = self._writing
+            if name and time.monotonic() - since_s > _HANGS_S:
+                for hung in (name, *self._waiting):
+                    self.problems[hung] = (
+                        f'{hung} is not written: the disk does not answer; until it does, a '
+                        'restart loses what is newer.'
+                    )
         for then, problem in outcomes:
             then(problem)
         return bool(outcomes)
@@ -149,6 +160,7 @@ class FileWriter:
                     return
                 name = next(iter(self._waiting))
                 write, callers = self._waiting.pop(name)
+                self._writing = name, time.monotonic()
             problem = ''
             try:
                 write()
@@ -156,6 +168,7 @@ class FileWriter:
                 fault = f'{name} was not written, by a fault of this program: {error!r}'
                 problem = str(error) if isinstance(error, WristFtCompError) else fault
             with self._changed:
+                self._writing = '', 0.0
                 self.problems[name] = problem
                 self._outcomes += [(then, problem) for then in callers]
 

@@ -151,7 +151,7 @@ class Compensator:
         else:
             self._waits_since_ns = None
         if since_ns is not None:
-            self.lasting_doubts += early_tare_doubts(since_ns, stamp_ns, 'temperatures came')
+            self.doubt_zero(*early_tare_doubts(since_ns, stamp_ns, 'temperatures came'))
             unloaded = stamp_ns, [np.nan] * len(AXES)  # where no wrench has come
             self._settle(target, keep_output_of or unloaded)
         elif not had_drift:
@@ -165,7 +165,7 @@ class Compensator:
             if any(cell.measured[j] for cell in cells):
                 self.moves[j] = moved
                 if self._tared_ns > self._reported_ns.get(j, math.inf):
-                    self.lasting_doubts += drift_warnings.moved_doubts(self.tracker, moved)
+                    self.doubt_zero(*drift_warnings.moved_doubts(self.tracker, moved))
                 self._reported_ns[j] = self.tracker.end_ns
                 if spacing_ns > grid.period_ns:
                     self._end_ns = stamp_ns + spacing_ns
@@ -230,7 +230,7 @@ class Compensator:
             self._doubt_uncertain('the model went live')
         if self._waits_since_ns is not None and self.compensating:
             since_ns, begun_ns = self._waits_since_ns, self.tracker.end_ns
-            self.lasting_doubts += early_tare_doubts(since_ns, begun_ns, 'model went live')
+            self.doubt_zero(*early_tare_doubts(since_ns, begun_ns, 'model went live'))
         if keep_output_of is None or self.compensating:
             self._waits_since_ns = None
         elif self._waits_since_ns is None:
@@ -260,15 +260,14 @@ class Compensator:
         is_held = held_ns > max(usual_silences_ns(self.tracker))
         has_drift = self.compensating and self.tracker.awaited is None and not is_held
         self._waits_since_ns = None if has_drift else stamp_ns
-        self.lasting_doubts += tare_doubts(self.tracker, has_drift=has_drift)
+        self.doubt_zero(*tare_doubts(self.tracker, has_drift=has_drift))
         self._doubt_uncertain('the tare was taken')
         self._refresh_correction()
         return self.tare
 
-    def doubt_zero(self, why: str) -> None:
-        """Say until the next tare, in a sentence, why the zero may be another one."""
-        if why not in self.lasting_doubts:
-            self.lasting_doubts.append(why)
+    def doubt_zero(self, *sentences: str) -> None:
+        """Say until the next tare, once each, why the zero may be another one."""
+        self.lasting_doubts += [why for why in sentences if why not in self.lasting_doubts]
 
     def _doubt_uncertain(self, made: str) -> None:
         """Say that a zero that is made now, in words, is of a drift that may be off."""

@@ -189,6 +189,10 @@ STATUSES = [
     ([(0, UP)] * specific_force._REPORTS, 0.0, WARN, 'is the IMU frozen?'),
     ([(0, (1.05 + 1e-6 * k) * UP) for k in range(specific_force._REPORTS - 1)], 0.0, OK,
      'subtracting day-1'),
+    ([(0, UP), *((1, (1 + 1e-6 * k) * UP) for k in range(specific_force._REPORTS))], 0.0, WARN,
+     'specific force is stamped 1.0 s ahead of the wrench'),
+    ([(1, (1 + 1e-6 * k) * UP) for k in range(specific_force._REPORTS)], 0.9, OK,
+     'subtracting day-1'),
     ([(0, (1.05 + 1e-6 * k) * UP) for k in range(specific_force._REPORTS)], 0.0, WARN,
      'specific force is +5% off gravity, and so is the weight'),
 ]  # fmt: skip
