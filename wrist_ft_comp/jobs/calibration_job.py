@@ -85,7 +85,9 @@ def save(
     Gives the calibration with the payloads' names in their file. The model is not given up where
     its payloads cannot be saved: that is one more warning.
     """
-    sources = [{'path': str(path), 'sha256': sha256} for sha256, path in paths.items()]
+    # Names may hold bytes that are no text.
+    names = {sha256: str(path).encode(errors='replace').decode() for sha256, path in paths.items()}
+    sources = [{'path': name, 'sha256': sha256} for sha256, name in names.items()]
     stored, learnt = save_model(job.output, found, {'recordings': sources}), found.payloads
     if learnt is None:
         return found, stored

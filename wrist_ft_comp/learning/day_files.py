@@ -201,7 +201,9 @@ class DayFiles:
             if not header.startswith(beginning(path)[: len(header)]):
                 return
             span, size = span_of(path), path.stat().st_size
-            if span.last_ns - span.first_ns < SHORTEST_NS if span else size < _LONGEST_ROW_BYTES:
+            # A damaged last stamp makes no day short.
+            lasted_ns = abs(span.last_ns - span.first_ns) if span else 0
+            if lasted_ns < SHORTEST_NS if span else size < _LONGEST_ROW_BYTES:
                 path.unlink()
                 self._number -= 1
 

@@ -123,7 +123,8 @@ def load_diary(directory: Path) -> Diary:
 
 def save_diary(directory: Path, diary: Diary) -> None:
     """Write a diary in one step; one that cannot be read is kept beside it, once."""
-    KIND.save(diary_path(directory), {'days': to_plain(diary.days), 'paused': diary.paused})
+    content = {'days': to_plain(diary.days), 'paused': diary.paused}
+    KIND.save(diary_path(directory), content, record=Diary)
 
 
 def survey(directory: Path) -> Diary:
@@ -169,7 +170,7 @@ def load_memory(directory: Path) -> Memory | None:
 
 def save_memory(directory: Path, memory: Memory) -> None:
     """Write a memory in one step; one that cannot be read is kept beside it, once."""
-    MEMORY.save(directory / 'learning.json', asdict(memory))
+    MEMORY.save(directory / 'learning.json', asdict(memory), record=Memory)
 
 
 def last_change(history: Sequence[HistoryEntry]) -> str:

@@ -53,6 +53,8 @@ class LiveModel(Part):
     _validated: StoredModel | None = None
     #: How often the history is yet to be written.
     _unwritten: int = 0
+    #: The model_file of the start, which is trusted wherever it lies.
+    _named: str = ''
 
     title, logged = 'model', True
     parameters = (
@@ -80,11 +82,14 @@ class LiveModel(Part):
             self.problem = f'The last model cannot be used: {error}'
             last = self.history.pop() if self.history else HistoryEntry(None)
             self.history.append(replace(last, path=None, sha256=''))
-        self._given = store.given()
+        self._named = model_file
+        unusable, self._given = self.problem, store.given()
         if given is not None:
             if given.sha256 != self._given or not self.history or self.problem:
                 self.stored, self._given = given, given.sha256
                 self._write_down(f'model_file was {given.path.name} at the start')
+                if unusable:
+                    log.warning(f'{unusable} {given.path} is live instead.')
             elif self.sha256 != given.sha256:
                 now = 'no model' if self.stored is None else self.stored.path
                 log.warning(
@@ -201,7 +206,8 @@ class LiveModel(Part):
     def check_parameters(self, parameters: Sequence[Any]) -> None:
         """Refuse files outside data_directory and unusable models; changes nothing that runs."""
         for value in (given.value for given in parameters if given.name == 'model_file'):
-            self.store.require_inside('model_file', value)
+            if value != self._named:
+                self.store.require_inside('model_file', value)
             self._validated = self.load(self.store.locate(value)) if value else None
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
@@ -222,7 +228,10 @@ class LiveModel(Part):
         # Withdrawn also where it cannot be used, or those before it could never be reached.
         history[before] = replace(history[before], withdrawn=True)
         try:
-            self._make_live(None if path is None else self.load(path))
+            stored = None if path is None else self.load(path)
+            if stored and history[before].sha256 not in {'', stored.sha256}:
+                raise SettingsError(f'{path} has changed since it was live.')
+            self._make_live(stored)
         except WristFtCompError as error:
             self._remember()
             raise SettingsError(

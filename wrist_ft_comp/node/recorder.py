@@ -35,8 +35,8 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 LACKING_S = 60.0
 #: Rows that are farther apart, ns, are of a clock that was set: a computer began in 1970.
 _OTHER_CLOCK_NS = 86_400 * NANOSECONDS
-#: So are rows that are this far before the newest, ns: the last ones before a silence come late.
-_BEGUN_ANEW_NS = 900 * NANOSECONDS
+#: So are rows that are this far before the newest, ns: such a file could not be read.
+_SET_BACK_NS = 5 * NANOSECONDS
 #: A recording that was cut off goes on after this time at most, s.
 _CUT_OFF_S = 600.0
 #: The answer of ~/record warns where more than this share of the rows holds no wrench.
@@ -72,8 +72,11 @@ class OwnRecording:
             self.came_s = time.monotonic()
             if self.came_s < self.goes_on_s:
                 return
-            later_ns = stamp_ns - (self.last_ns or stamp_ns)
-            is_far = not -_BEGUN_ANEW_NS <= later_ns <= _OTHER_CLOCK_NS
+            later_ns = 1 if self.last_ns is None else stamp_ns - self.last_ns
+            absent = [name for name, v in zip(channels, values, strict=True) if math.isnan(v)]
+            if self.renew is not None and later_ns <= 0 and set(absent).issuperset(AXES):
+                continue  # a temperature from before a silence, or of another clock
+            is_far = not -_SET_BACK_NS <= later_ns <= _OTHER_CLOCK_NS
             self.last_ns = stamp_ns
             try:
                 if is_far and self.renew is not None:
@@ -84,7 +87,6 @@ class OwnRecording:
                 return
             self.error = None
             self.rows += 1
-            absent = [name for name, v in zip(channels, values, strict=True) if math.isnan(v)]
             self.lacked.update(absent)
             self.lacking = Counter({name: self.lacking[name] + 1 for name in absent})
 

@@ -18,6 +18,7 @@ import fcntl
 from itertools import chain, count
 import os
 from pathlib import Path
+import re
 import time
 from typing import Literal
 from weakref import finalize
@@ -148,8 +149,10 @@ class NodeFolder:
 
     def newest_day(self) -> str:
         """Name the newest day that is kept for learning; empty where there is none."""
-        days = (self.directory / 'days').glob(f'day_{5 * "[0-9]"}.csv')
-        return max((path.name for path in days), default='')
+        with suppress(OSError):
+            days = (self.directory / 'days').glob(f'day_{5 * "[0-9]"}.csv')
+            return max((path.name for path in days), default='')
+        return ''
 
     def history(self) -> list[HistoryEntry]:
         """List the models that were live, newest last."""
@@ -175,7 +178,8 @@ class NodeFolder:
             if path and path.is_relative_to(base):
                 path = path.relative_to(base)
             entries.append({**to_plain(entry), 'path': path and str(path)})
-        _LIST.save(self.directory / 'active.json', {'history': entries, 'given': given})
+        content = {'history': entries, 'given': given}
+        _LIST.save(self.directory / 'active.json', content, record=_List)
 
     def take(self) -> str:
         """
@@ -186,7 +190,11 @@ class NodeFolder:
         """
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
-            lock = os.open(self.directory / 'lock', os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
+            name, flags = self.directory / 'lock', os.O_CLOEXEC
+            try:
+                lock = os.open(name, os.O_CREAT | os.O_RDWR | flags, 0o644)
+            except PermissionError:  # another user's, as of a start with sudo; it locks, too
+                lock = os.open(name, os.O_RDONLY | flags)
         except OSError as error:
             return (
                 f'{self.directory} cannot be written: {error.strerror}. Mend its rights, or '
@@ -232,5 +240,8 @@ def _expanded(given: str) -> Path:
 def _unused(folder: Path, stem: str, suffix: str) -> Path:
     """Name a file after the present time, numbered when several fall into a second."""
     now = datetime.now(timezone.utc).strftime('%Y%m%dT%H%M%SZ')
+    # Where the clock ran back: after the newest, as the newest are taken by their names.
+    stamps = (re.match(rf'{stem}_(\d{{8}}T\d{{6}}Z)', path.name) for path in folder.glob('*'))
+    now = max([now, *(found[1] for found in stamps if found)])
     names = chain((f'{stem}_{now}',), (f'{stem}_{now}_{number}' for number in count(2)))
     return next(path for name in names if not (path := folder / f'{name}{suffix}').exists())

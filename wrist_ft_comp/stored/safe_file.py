@@ -294,10 +294,10 @@ class Kind(Output):
 
     def read(self, path: Path) -> bytes:
         """Read a file that must not be larger than any of its kind is."""
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            # A pipe would hold up the stream until somebody writes into it.
-            raise self._refusal(path, 'is no regular file')
         try:
+            if path.exists() and not (path.is_file() or path.is_dir()):
+                # A pipe would hold up the stream until somebody writes into it.
+                raise self._refusal(path, 'is no regular file')
             with path.open('rb') as file:
                 content = file.read(self.max_bytes + 1)
         except OSError as error:
@@ -344,11 +344,14 @@ class Kind(Output):
 
     def load(self, record: type[Record], path: Path) -> Record | None:
         """Read a file into a record; None when there is none."""
-        if not path.exists():
-            return None
+        with suppress(OSError):  # reading says why nothing may be looked at
+            if not path.exists():
+                return None
         return self.restore(record, path, self.document(path, self.read(path)))
 
-    def save(self, path: Path, content: Document, indent: int | None = 1) -> None:
+    def save(
+        self, path: Path, content: Document, indent: int | None = 1, record: Any = dict
+    ) -> None:
         """
         Write plain values as a JSON file of this kind and version.
 
@@ -358,7 +361,9 @@ class Kind(Output):
         kept = path.with_name(f'{path.name}.kept')
         if beginning(path) and not kept.exists():
             try:
-                self.document(path, self.read(path))
+                document = self.document(path, self.read(path))
+                if record is not dict:
+                    self.restore(record, path, document)
             except self.error:
                 with suppress(OSError):  # writing says why it cannot be written
                     path.rename(kept)

@@ -71,6 +71,16 @@ def test_a_rollback_passes_over_a_model_that_cannot_be_used(abc):
     assert live(node) == 'a.yaml'
 
 
+def test_a_rollback_passes_over_a_model_whose_file_was_replaced(abc, make_model):
+    node = abc()
+    choose(node, 'c', 'a', 'b')
+    make_model('a.yaml', {'force_x': (0.5, 0, 0)})
+    assert 'models/a.yaml has changed since it was live' in node.refusal('rollback')
+    assert live(node) == 'b.yaml'
+    assert node.call('rollback').success
+    assert live(node) == 'c.yaml'
+
+
 def test_every_change_is_kept_with_its_date_and_reason(abc, make_model):
     node = abc()
     choose(node, 'a', 'b', 'b')
@@ -116,6 +126,7 @@ def test_a_decision_after_the_last_start_goes_on(abc, make_model, capfd):
     assert 'was made live, and goes on' in capfd.readouterr().err
     later.path.unlink()
     assert live(abc(parameters=given)) == 'a.yaml', 'it cannot be used'
+    assert 'models/a.yaml is live instead' in capfd.readouterr().err
 
 
 def test_a_live_model_whose_file_was_replaced_is_a_warning_until_it_is_chosen(abc, make_model):
@@ -157,6 +168,16 @@ class TestModelFile:
         assert f'must lie inside data_directory ({tmp_path / "data"})' in sentence
         assert live(node) == 'live.yaml'
         assert node.node.get_parameter('model_file').value == 'models/live.yaml'
+
+    def test_the_model_file_of_the_start_may_be_set_again_wherever_it_lies(
+        self, rig, make_model, tmp_path
+    ):
+        elsewhere = make_model(tmp_path / 'elsewhere.yaml')
+        make_model('live.yaml')
+        node = rig(parameters={'model_file': str(elsewhere.path)})
+        for name in ('models/live.yaml', str(elsewhere.path)):
+            assert node.set('model_file', name).successful
+        assert live(node) == 'elsewhere.yaml'
 
     def test_a_model_file_that_cannot_be_used_is_refused_at_run_time(self, rig, make_model):
         node = rig(model=make_model('live.yaml'))

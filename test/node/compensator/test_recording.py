@@ -115,7 +115,9 @@ def test_a_recording_goes_on_in_its_file_after_a_kill(rig, tmp_path, monkeypatch
     assert (late.level, 'was cut off when the node' in late.message) == (b'\1', True)
 
 
-@pytest.mark.parametrize(('first', 'begins_s'), [(8, (100, 2_000_000_000)), (7, (9000, 2000))])
+@pytest.mark.parametrize(('first', 'begins_s'), [
+    (8, (100, 2_000_000_000)), (7, (9000, 2000)), (7, (9000, 8940)),
+])  # fmt: skip
 def test_a_clock_that_is_set_or_begins_anew_begins_another_file(rig, first, begins_s):
     node = rig()
     path = start_recording(node)
