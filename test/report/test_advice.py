@@ -2,10 +2,12 @@
 
 from contextlib import nullcontext
 from pathlib import Path
+import shlex
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.recording import Topics
@@ -99,6 +101,12 @@ def test_the_command_that_runs_a_model_names_no_topic_that_is_usual(monkeypatch)
         words = f'{start} --ros-args -p model_file:=m.yaml'
         assert run_command(Topics(), 'm.yaml') == words
         assert run_command(Topics(imu='/imu'), 'm.yaml') == f'{words} -p gravity.source:=imu'
+
+
+@pytest.mark.parametrize('name', ['m.yaml', 'warm up #2.yaml', 'a: b', '@x', '{a}', 'grün.yaml'])
+def test_a_model_s_name_arrives_as_it_is(name):
+    (given,) = (word for word in shlex.split(run_command(Topics(), name)) if ':=' in word)
+    assert yaml.safe_load(given.removeprefix('model_file:=')) == name
 
 
 def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):

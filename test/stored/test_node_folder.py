@@ -50,6 +50,32 @@ def test_a_broken_list_is_a_sentence(store, change):
         store.history()
 
 
+def test_a_lock_of_another_user_locks_and_a_folder_that_may_not_be_entered_is_a_sentence(
+    store, monkeypatch
+):
+    plain_open = os.open
+
+    def refuse(path, flags, *more):
+        if flags & os.O_RDWR:
+            raise PermissionError(13, 'Permission denied')
+        return plain_open(path, flags, *more)
+
+    store.directory.mkdir()
+    (store.directory / 'lock').touch()
+    monkeypatch.setattr(os, 'open', refuse)
+    assert store.take() == ''
+    with pytest.raises(SettingsError, match='is in use'):
+        NodeFolder(store.directory).take()
+
+    def exists(_):
+        raise PermissionError(13, 'Permission denied')
+
+    (store.directory / 'active.json').touch()
+    monkeypatch.setattr(Path, 'exists', exists)
+    with pytest.raises(ModelFileError, match=r'active\.json cannot be read: Permission denied'):
+        store.history()
+
+
 def test_the_newest_recordings_are_listed_oldest_first_and_names_differ(store):
     paths = []
     for _ in range(MAX_RECORDINGS + 3):

@@ -14,6 +14,7 @@ from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.evaluate import evaluate_recordings
 from wrist_ft_comp.cli.terminal import content_words, filled, print_words, progress_bar
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.report.advice import as_yaml
 from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stored.node_folder import NodeFolder
@@ -96,7 +97,7 @@ def play(folder: Path) -> None:
     from wrist_ft_comp.cli.node_client import operating, Watch  # noqa: PLC0415 -- ROS
 
     node: dict[str, object] = {
-        'data_directory': folder, 'temperature_topics': '[temperature, temperature_2]',
+        'data_directory': as_yaml(folder), 'temperature_topics': '[temperature, temperature_2]',
         'calibration.reference': 'recorded',
     }  # fmt: skip
     with (

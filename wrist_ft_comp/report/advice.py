@@ -96,15 +96,15 @@ def start_command() -> list[str]:
     return ['ros2', 'run', 'wrist_ft_comp', 'compensator'] if which('ros2') else ['compensator']
 
 
-def _as_yaml(text: str) -> str:
-    """Write a text as the value of a parameter, which ROS 2 reads as YAML."""
-    is_plain = re.fullmatch(r'[\w./~-][\w./~+, -]*', text) and not text.endswith(' ')
-    return text if is_plain else json.dumps(text, ensure_ascii=False)
+def as_yaml(path: object) -> str:
+    """Write a path as the value of a parameter, which ROS 2 reads as YAML."""
+    is_plain = re.fullmatch(r'[\w./~][\w./~-]*', str(path))
+    return str(path) if is_plain else json.dumps(str(path), ensure_ascii=False)
 
 
 def run_command(topics: Topics, model: object) -> str:
     """Write the command that runs a model on the topics of a bag."""
-    words = [*start_command(), '--ros-args', '-p', f'model_file:={_as_yaml(str(model))}']
+    words = [*start_command(), '--ros-args', '-p', f'model_file:={as_yaml(model)}']
     if topics.wrench.strip('/') != Topics.wrench.strip('/'):
         words += ['-r', f'wrench_raw:={topics.wrench}']
     if topics.temperatures != Topics.temperatures:
