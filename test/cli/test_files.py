@@ -36,6 +36,12 @@ def test_a_device_is_refused_at_once(run, tmp_path):
         assert 'is no file and no folder' in run(*words).sentence
 
 
+def test_a_name_that_is_no_text_costs_no_model(done, drift_csv, tmp_path):
+    path = shutil.copy(drift_csv, tmp_path / os.fsdecode(b'l\xff.csv'))
+    done('calibrate', path, '-o', tmp_path / 'm.yaml', '--method', 'pls')
+    assert 'l?.csv' in (tmp_path / 'm.yaml').read_text()
+
+
 def test_a_folder_is_no_file(run, day):
     assert '.+other.csv does not exist' in run('show', '.+other.csv').sentence
     words = ['calibrate', day, '-o', '.', '--reference', 'payload']
