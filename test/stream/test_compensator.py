@@ -201,6 +201,29 @@ class TestModelSwap:
         # Without sensitivity drift the two differ by the tare alone, whatever happens.
         np.testing.assert_allclose((outputs - expected)[100:, 3], -late.tare[3], atol=1e-9)
 
+    @pytest.mark.parametrize(('period_s', 'silent_s'), [(1.0, 0), (2.0, 0), (0.5, 90), (7.0, 600)])
+    def test_a_thermometer_that_died_is_not_waited_for_by_another_model(
+        self, make_model, period_s, silent_s
+    ):
+        """Also where the others are silent while it goes live."""
+        axes = {'force_z': (1.0, 0.0, 0.1)}
+        first, other = (make_model(axes, thermometers=2, period_s=s) for s in (1.0, period_s))
+        compensator = Compensator(2, StreamSettings(), first)
+
+        def heat(seconds, *thermometers):
+            for second in seconds:
+                for j in thermometers:
+                    compensator.add_temperature(j, second * SECOND, 20.0 + second / 100)
+
+        heat(range(100), 0, 1)
+        heat(range(100, 300), 0)
+        compensator.go_live(other)
+        heat(range(300 + silent_s, 700 + silent_s), 0)
+        last_c = compensator.tracker.temperature_c
+        assert last_c == pytest.approx([27.0 + silent_s / 100, 21.0], abs=0.2)
+        assert compensator.memory().silent[1] * period_s == pytest.approx(600 + silent_s, abs=20)
+        assert ('thermal state is' in compensator.tracker.origin) == (silent_s == 600)
+
     def test_what_does_not_fit_changes_nothing(self, make_model, make_recording, warm_up, model):
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 30))

@@ -311,8 +311,12 @@ class DriftTracker:
             at = np.arange(len(self.history_c) * before_ns // model.period_ns)
             at = at * model.period_ns // before_ns
             self.history_c, self._missing = self.history_c[at], self._missing[at]
+            old_grid = self.grid
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
-            self._next = None
+            if self._next is not None and self.reading_c is not None:  # a dead one never comes
+                silent = [n * before_ns // model.period_ns for n in old_grid.silent(self._next)]
+                self._next = self.end_ns // model.period_ns
+                self.grid.go_on(self._next, self.reading_c.tolist(), silent)
         was_live = self.model is not None
         self.model, self.state, self.awaited, self._exchanged = model, None, None, {}
         self.memory_s = temperature_gaps.longest_gap_s(model)
