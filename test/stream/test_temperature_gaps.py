@@ -218,6 +218,16 @@ def test_a_start_at_temperatures_that_move_is_doubted_as_far_as_it_may_be_wrong(
         assert ['uncertain' in d for d in compensator.zero_doubts] == [True] * is_said
 
 
+@pytest.mark.parametrize('rate_k_s', [0.0, 0.02])
+def test_cells_that_are_longer_than_the_model_remembers_move_the_drift(make_model, rate_k_s):
+    model = make_model({'force_z': (0.4, 0.0, 10.0)}, period_s=180.0, range_c=(20.0, 60.0))
+    compensator = Compensator(1, model=model)
+    heat(range(0, 1800, 5), lambda second: 35.0 + rate_k_s * second, compensator)
+    expected_c = compensator.tracker.temperature_c[0]
+    assert expected_c == pytest.approx(35.0 + rate_k_s * 1600, abs=180 * rate_k_s)
+    assert compensator.tracker.drift.zero[2] == pytest.approx(0.4 * (expected_c - 20.0), abs=0.1)
+
+
 @pytest.mark.parametrize(('start_c', 'is_doubted'), [(24.0, False), (35.0, True)])
 def test_a_zero_that_is_made_while_the_drift_may_be_off_is_doubted(
     make_model, start_c, is_doubted

@@ -107,7 +107,7 @@ def doubt_start(
     some = max(len(start_c) // 6, 1)
     moved_k = start_c[-some:].mean(axis=0) - start_c[:some].mean(axis=0)
     rates_k = [np.where(np.abs(moved_k) < _MOVES_K, 0.0, moved_k) / max(len(start_c) - some, 1)]
-    remembered = round(memory_s * NANOSECONDS / model.period_ns)
+    remembered = max(round(memory_s * NANOSECONDS / model.period_ns), 1)
     coldest_c = np.minimum(warmest_room_c(model), start_c[0])
     if slope_k is None:
         rates_k.append(TIME_CONSTANTS * (start_c[0] - coldest_c) / remembered)
