@@ -55,6 +55,8 @@ class OwnRecording:
     #: Ends a writer and gives another, for rows of another clock.
     renew: Callable[[Any], Any] | None = None
     rows: int = 0
+    #: Whether a reference wrench has come, of whatever clock.
+    has_reference: bool = False
     #: Stamp of the newest row, ns.
     last_ns: int | None = None
     #: Why the disk refused the newest row that was to be written; None while all is well.
@@ -138,7 +140,7 @@ class Recorder(Part):
         """Say what a recording lacks that it needs, or had before, for LACKING_S; else empty."""
         for recording in self._running:
             sources = {'raw wrenches': AXES, 'specific force': FORCE_CHANNELS}
-            if recording.lacked[REFERENCE_CHANNELS[0]] < recording.rows:
+            if recording.has_reference:
                 sources['wrench_reference'] = REFERENCE_CHANNELS
             sources |= self._unheard(recording)
             for source, channels in sources.items():
@@ -151,13 +153,16 @@ class Recorder(Part):
                     )
         return ''
 
-    def _unheard(self, recording: OwnRecording) -> dict[str, tuple[str]]:
-        """Name the thermometers that are in no row, with their channels; some report seldom."""
+    def _unheard(self, recording: OwnRecording) -> dict[str, tuple[str, ...]]:
+        """Name what is in no row, with its channels; some thermometers report seldom."""
         channels = map(temperature_channel, range(self._compensator.thermometers))
+        sources = {f'thermometer {j}': (channel,) for j, channel in enumerate(channels, start=1)}
+        if recording.has_reference:
+            sources['wrench_reference'] = REFERENCE_CHANNELS
         return {
-            f'thermometer {j}': (channel,)
-            for j, channel in enumerate(channels, start=1)
-            if recording.lacked[channel] == recording.rows
+            source: channels
+            for source, channels in sources.items()
+            if all(recording.lacked[channel] == recording.rows for channel in channels)
         }
 
     def begin_recording(self, writer: Any, pause_s: float = math.inf) -> OwnRecording:
@@ -191,8 +196,9 @@ class Recorder(Part):
             stamp_ns, reference = locate(data, WRENCH_DOUBLES).decode(data)
         except RecordingError:
             return
-        # The comparison is false for NaN.
-        if self.current is not None and math.hypot(*reference) < LARGEST:
+        numbers = [value for value in reference if not math.isnan(value)]
+        if self.current is not None and numbers and math.hypot(*numbers) < LARGEST:
+            self.current.has_reference = True
             self.current.averager.add(grid.REFERENCE, stamp_ns or self.hub.now_ns(), reference)
 
     def on_cells(self, cells: Sequence[grid.ThermalCell], _stamp_ns: int) -> None:

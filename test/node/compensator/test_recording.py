@@ -93,6 +93,17 @@ def test_a_thermometer_of_another_clock_is_missing_in_the_recording(rig):
     assert 'warning: thermometer 2 reported in no' in node.call('record', False).message
 
 
+def test_a_reference_of_another_clock_is_missing_in_the_recording(rig):
+    node = rig()
+    start_recording(node)
+    for second in range(130):
+        node.send_reference((1000 + second) * SECOND, [1.0] * 6)
+        node.put(START + second * SECOND, [1.0] * 6)
+        node.put_temperature(START + second * SECOND, 25.0)
+    assert node.diagnosis('calibration', 'recorded without wrench_reference').level == b'\1'
+    assert 'warning: wrench_reference reported in no' in node.call('record', False).message
+
+
 def test_a_recording_goes_on_in_its_file_after_a_kill(rig, tmp_path, monkeypatch):
     node = rig()
     path = start_recording(node)
@@ -140,7 +151,8 @@ def test_starting_twice_and_ending_twice_are_refused(rig):
     assert f'recorded 0 thermal cells (0 s) into {path}\n' in node.call('record', False).message
 
 
-def test_a_reference_is_listened_to_while_recording_and_unusable_ones_are_left_out(rig):
+@pytest.mark.parametrize('torque', [3.0, math.nan])
+def test_a_reference_is_listened_to_while_recording_and_unusable_ones_are_left_out(rig, torque):
     node = rig()
     topic = node.topic('wrench_reference')
     assert node.node.count_subscribers(topic) == 0
@@ -148,11 +160,12 @@ def test_a_reference_is_listened_to_while_recording_and_unusable_ones_are_left_o
     node.wait_until(lambda: node.node.count_subscribers(topic) == 1, 'the subscription')
     node.send_reference(START, [math.nan] * 6)
     node.send_reference(START, [1e10, -1e10, 0, 0, 0, 0])
-    node.send_reference(START + 1, [3.0] * 6)
+    reference = [3.0] * 3 + [torque] * 3
+    node.send_reference(START + 1, reference)
     feed(node, 2)
     node.call('record', False)
     node.wait_until(lambda: node.node.count_subscribers(topic) == 0, 'its end')
-    assert read_recording(path).reference[0].tolist() == [3.0] * 6
+    np.testing.assert_equal(read_recording(path).reference[0].tolist(), reference)
 
 
 def test_a_recording_keeps_its_cells_where_a_model_brings_longer_ones(rig, make_model):
