@@ -346,6 +346,27 @@ class TestTare:
         compensator.go_live(coarse, (1800 * SECOND, LOAD.tolist()))
         assert compensator.tracker.drift.zero[2] == pytest.approx(before, rel=0.02)
 
+    def test_a_tare_within_two_long_cells_of_a_warm_start_is_doubted(self, make_model):
+        model = make_model({'force_z': (1.0, 0.0, 1200.0)}, period_s=600, range_c=(20.0, 50.0))
+        compensator = Compensator(1, model=model)
+        for second in range(0, 3000, 5):
+            compensator.add_temperature(0, second * SECOND, 40.0)
+            if second == 900:
+                compensator.set_tare(LOAD, second * SECOND)
+        assert ['the tare was taken while' in why for why in compensator.zero_doubts] == [True]
+
+    @pytest.mark.parametrize('back_s', [0, 3600])
+    def test_a_clock_that_is_set_back_makes_no_doubt_of_an_old_tare(self, make_model, back_s):
+        model = make_model({'force_z': (1.0, 0.0, 300.0)})
+        compensator = Compensator(1, model=replace(model, deviation={'force_z': 0.05}))
+        for second in range(0, 4000, 30):
+            at = (10_000 + second - back_s * (second >= 700)) * SECOND
+            celsius = 20.0 if second < 900 else 40.0 - 20.0 * np.exp(-(second - 900) / 1500)
+            compensator.add_temperature(0, at, celsius, arrival_ns=second * SECOND)
+            if second == 510:
+                compensator.set_tare(LOAD, at)
+        assert not any('by the first temperature' in why for why in compensator.zero_doubts)
+
     @pytest.mark.parametrize('rises', [False, True])
     def test_a_gap_of_a_quiet_robot_that_moves_after_it_is_doubted(self, make_model, rises):
         model = make_model({'force_z': (1.0, 0.0, 300.0)}, range_c=(20.0, 60.0))

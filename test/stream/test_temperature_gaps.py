@@ -170,6 +170,35 @@ def test_a_gap_without_a_model_is_doubted_beside_a_warm_start(make_model):
     assert said[1] > 2 * said[0]
 
 
+@pytest.mark.parametrize('every_s', [1, 2, 7])
+def test_what_moves_after_a_gap_is_doubted_however_often_thermometers_report(make_model, every_s):
+    compensator = Compensator(1, model=doubting(make_model, 1200.0))
+    for second in (*range(0, 1800, every_s), *range(2702, 2790, every_s)):
+        heat([second], 20.0 + min(0.01 * second, 18.0) + 0.02 * max(second - 2702, 0), compensator)
+    left_n = compensator.tracker.uncertainty.left(compensator.tracker.end_ns, 3600.0)[2]
+    assert left_n == pytest.approx(4.0, rel=0.2)
+
+
+@pytest.mark.parametrize('after_s', [1, 5, 9])
+def test_a_model_of_longer_cells_may_go_live_right_after_a_gap(make_model, after_s):
+    compensator = Compensator(1)
+    heat((*range(1, 2000), *range(2300, 2300 + after_s)), 25.0, compensator)
+    compensator.go_live(make_model({'force_z': (0.4, 0.0, 600.0)}, period_s=60))
+    heat(range(2300 + after_s, 2500), 25.0, compensator)
+    assert compensator.tracker.drift.zero[2] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize('away_s', [70, 400])
+def test_a_restart_within_a_cell_is_no_clock_that_was_set(make_model, away_s):
+    model = make_model({'force_z': (0.4, 0.0, 3600.0)}, period_s=600)
+    before, after = (Compensator(1, model=model) for _ in range(2))
+    heat(range(0, 3650, 5), lambda second: 20.0 + second / 300, before)
+    after.resume(before.memory(), float(away_s))
+    heat(range(3650 + away_s, 5500, 5), lambda second: 20.0 + second / 300, before, after)
+    assert not after.tracker.forgot
+    assert after.tracker.drift.zero[2] == pytest.approx(before.tracker.drift.zero[2], abs=0.1)
+
+
 @pytest.mark.parametrize('second_gap_s', [0, 90])
 def test_all_gaps_without_a_model_are_doubted(make_model, second_gap_s):
     """A robot that rested warms in the first, and cools after it."""

@@ -86,8 +86,8 @@ def save(
     its payloads cannot be saved: that is one more warning.
     """
     # Names may hold bytes that are no text.
-    names = {sha256: str(path).encode(errors='replace').decode() for sha256, path in paths.items()}
-    sources = [{'path': name, 'sha256': sha256} for sha256, name in names.items()]
+    texts = {sha256: str(path).encode(errors='replace').decode() for sha256, path in paths.items()}
+    sources = [{'path': text, 'sha256': sha256} for sha256, text in texts.items()]
     stored, learnt = save_model(job.output, found, {'recordings': sources}), found.payloads
     if learnt is None:
         return found, stored

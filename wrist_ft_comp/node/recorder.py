@@ -156,7 +156,9 @@ class Recorder(Part):
     def _unheard(self, recording: OwnRecording) -> dict[str, tuple[str, ...]]:
         """Name what is in no row, with its channels; some thermometers report seldom."""
         channels = map(temperature_channel, range(self._compensator.thermometers))
-        sources = {f'thermometer {j}': (channel,) for j, channel in enumerate(channels, start=1)}
+        sources: dict[str, tuple[str, ...]] = {
+            f'thermometer {j}': (channel,) for j, channel in enumerate(channels, start=1)
+        }
         if recording.has_reference:
             sources['wrench_reference'] = REFERENCE_CHANNELS
         return {

@@ -133,6 +133,11 @@ class Compensator:
         spikes = self.tracker.spikes[thermometer]
         wrong_starts = spikes.wrong_starts
         cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
+        leap = self.tracker.clocks.leap
+        if leap is not None and leap.passed_ns is not None:  # the clock of all was set
+            by_ns = leap.to_ns - leap.from_ns - leap.passed_ns
+            self._tared_ns += by_ns
+            self._reported_ns = {j: at_ns + by_ns for j, at_ns in self._reported_ns.items()}
         if self.tared and spikes.wrong_starts > wrong_starts:
             self.doubt_zero(
                 f'the tare was taken while thermometer {thermometer + 1} read '
@@ -140,8 +145,9 @@ class Compensator:
             )
         if not cells or not self.compensating:
             return cells
-        # How far a start, or a gap, was off is known a minute later.
-        lately = 0 <= stamp_ns - self._tared_ns <= 2 * SPAN_S * NANOSECONDS
+        # How far a start, or a gap, was off is known a minute, or a cell, later.
+        known_ns = 2 * (SPAN_S * NANOSECONDS + self.tracker.grid.period_ns)
+        lately = 0 <= stamp_ns - self._tared_ns <= known_ns
         if lately and self.tracker.uncertainty is not uncertainty:
             self._doubt_uncertain('the tare was taken')
         target = self.target

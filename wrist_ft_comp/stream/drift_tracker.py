@@ -218,7 +218,8 @@ class DriftTracker:
             off = off + np.abs(bounds - self.drift.zero).max(axis=0)
         off = off + self._off_at_start(self.model, len(self.history_c) - len(line_c))
         for begin, end in self._gaps()[-1:]:
-            if len(self.history_c) - end == self._span(self.model):
+            since = len(self.history_c) - end
+            if since - len(line_c) < self._span(self.model) <= since:
                 off = off + self._doubt_mean(self.model, begin, end)
         if off.any():
             if self.uncertainty is not None:
@@ -249,7 +250,7 @@ class DriftTracker:
         """Bound what gaps, in which no model was live, left wrong of the drift by now, (6,)."""
         off: FloatArray = np.zeros(len(AXES))
         for begin, end in self._gaps():
-            if not begin:
+            if not begin or end == len(self.history_c):
                 continue
             before_c, line_c = self.history_c[:begin], self.history_c[begin : end + 1]
             state = drift_model.skip(model, drift_model.at_rest(model, before_c), before_c)
@@ -284,7 +285,8 @@ class DriftTracker:
         """Decide whether the drift goes on over a gap, or not, as ``why`` says; say so."""
         memory, by_clock_s = self.awaited or (None, 0.0)
         self.awaited = None
-        problem = why_forgotten(gap_s, self.memory_s, by_clock_s) or why
+        cell_s = self.grid.period_ns / NANOSECONDS
+        problem = why_forgotten(gap_s, self.memory_s, by_clock_s, cell_s) or why
         if problem:
             self._forget()
             if self.model is not None and (memory or not 0 <= gap_s < _REPORTED_GAP_S):
@@ -307,15 +309,17 @@ class DriftTracker:
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows none."""
         if model is not None and model.period_ns != self.grid.period_ns:
-            before_ns = self.grid.period_ns
-            at = np.arange(len(self.history_c) * before_ns // model.period_ns)
-            at = at * model.period_ns // before_ns
-            self.history_c, self._missing = self.history_c[at], self._missing[at]
-            old_grid = self.grid
+            old, before_ns = self.grid, self.grid.period_ns
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
+            # The history is read at the middles of the new cells.
+            begin_ns = self.end_ns - len(self.history_c) * before_ns
+            cells = np.arange(-(-begin_ns // model.period_ns), self.end_ns // model.period_ns)
+            at = (cells * model.period_ns + model.period_ns // 2 - begin_ns) // before_ns
+            self.history_c, self._missing = self.history_c[at], self._missing[at]
             if self._next is not None and self.reading_c is not None:  # a dead one never comes
-                silent = [n * before_ns // model.period_ns for n in old_grid.silent(self._next)]
+                silent = [n * before_ns // model.period_ns for n in old.silent(self._next)]
                 self._next = self.end_ns // model.period_ns
+                self.end_ns = self._next * model.period_ns
                 self.grid.go_on(self._next, self.reading_c.tolist(), silent)
         was_live = self.model is not None
         self.model, self.state, self.awaited, self._exchanged = model, None, None, {}

@@ -83,20 +83,23 @@ def fill_gaps(means_c: FloatArray, before_c: FloatArray, period_ns: int) -> Floa
     return np.stack([np.interp(cells, at, column[at]) for column in held_c.T], axis=1)
 
 
-def why_forgotten(gap_s: float, longest_s: float, by_clock_s: float = 0.0) -> str:
+def why_forgotten(
+    gap_s: float, longest_s: float, by_clock_s: float = 0.0, cell_s: float = 0.0
+) -> str:
     """
     Say why a thermal state cannot be used after a gap, in half a sentence; empty where it can.
 
     The gap is ``gap_s`` long by the stamps, negative where they ran back, and ``by_clock_s`` by
     the system's clock, 0 without one, as of a bag in a loop. The state can be used for
-    ``longest_s``.
+    ``longest_s``; gaps are known to a cell, s.
     """
-    if gap_s < -(LEAP_S if by_clock_s else OUTAGE_S):
+    leap_s = max(LEAP_S, cell_s)
+    if gap_s < -(leap_s if by_clock_s else OUTAGE_S):
         return (
             f'the thermal state is {-gap_s:.0f} s ahead of the temperatures: their stamps are of '
             'another clock, or time ran back'
         )
-    if gap_s < by_clock_s - LEAP_S:
+    if gap_s < by_clock_s - leap_s:
         return (
             f'the stamps of the temperatures moved on by {gap_s:.0f} s while {by_clock_s:.0f} s '
             'passed since the thermal state was saved: their clock was set'
