@@ -64,6 +64,16 @@ def test_payloads_are_printed_and_kept_beside_the_model(days, done, learnt):
     assert {frame.wrench_frame for _, frame in kept.values()} == {'left_ft'}
 
 
+def test_some_parts_of_a_day_with_specific_force_are_enough(
+    done, tmp_path, make_working_day, write_working_day
+):
+    day = make_working_day(0, 1500, part=False)
+    day.specific_force[np.r_[:310, 590:910, 1190:1500]] = np.nan
+    path = write_working_day(tmp_path / 'day.csv', day)
+    argv = 'calibrate', path, '--reference', 'payload', '--method', 'pls'
+    assert 'payload m-1: 1.3' in done(*argv, '-o', tmp_path / 'm.yaml')
+
+
 def test_payloads_need_their_model_and_a_model_goes_without_them(days, run, tmp_path, monkeypatch):
     argv = 'calibrate', days[3], '--reference', 'payload', '--method', 'pls', '-o'
     kept, save = tmp_path / 'payloads.json', calibration_job.save_model

@@ -109,12 +109,13 @@ def test_a_jump_between_minutes_of_contact_is_named_and_not_learnt_from(look, se
     np.testing.assert_allclose([float(size) for size in named[:3]], [40, 32, 61], rtol=0.12)
 
 
-def test_a_day_that_cannot_be_read_is_named_and_others_are_learnt_from(look):
+@pytest.mark.parametrize('error', [RecordingError, IndexError, np.linalg.LinAlgError])
+def test_a_day_that_cannot_be_read_is_named_and_others_are_learnt_from(look, error):
     damaged = NAMES[1:3]
 
     def look_at_rest(name):
         if name in damaged:
-            raise RecordingError(f'{name} is damaged.')
+            raise error(f'{name} is damaged.')
         return look(name)
 
     entry = describe_day(NAMES[1], look_at_rest, [], Champion())

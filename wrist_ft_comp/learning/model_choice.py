@@ -28,6 +28,9 @@ from wrist_ft_comp.stream.drift_of_recordings import streamed_drift, thermometer
 #: Added to both errors, as a share of a usual drift: where next to nothing is left, neither of the
 #: two is better.
 _FLOOR = 0.01
+#: A day whose separation raises these is unreadable: numbers that no separation has met yet must
+#: not end the jobs of all later days.
+_UNREADABLE = WristFtCompError, ArithmeticError, IndexError, ValueError
 
 #: Reads and separates the day of a name; WristFtCompError where that is impossible.
 Look = Callable[[str], Day]
@@ -76,7 +79,7 @@ def describe_day(
         kind, sentence = incident(day, entry, before, drift)
         if distrusted and not kind:
             kind, sentence = 'thermometer', f'On this day {"; ".join(distrusted)}.'
-    except WristFtCompError as error:
+    except _UNREADABLE as error:
         sentence = f'This day cannot be judged: {error}'
         return DayEntry(name, live=champion.key, kind='unreadable', incident=sentence)
     return replace(entry, kind=kind, incident=sentence)
@@ -107,7 +110,7 @@ def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
     days = [day for day in plan.good_days(entries) if day.name in kept]
     learnt: list[DayEntry] = []
     for day in plan.worthiest(days, plan.MOST_DAYS) if due else ():
-        with suppress(WristFtCompError):  # a file may have been damaged since
+        with suppress(*_UNREADABLE):  # a file may have been damaged since
             look(day.name)
             learnt.append(day)
     if len(learnt) < plan.FEWEST_DAYS:

@@ -160,8 +160,9 @@ def find_states(cells: Cells) -> Fit:
 
     States are added while the next one explains more of every second block, which is held out.
     """
-    count = min(len(cells.wrench), round(_SEARCHED_S / BLOCK_S))
-    spread = np.linspace(0, len(cells.wrench) - 1, count).astype(int)
+    used = np.flatnonzero(cells.usable.any(axis=1))
+    count = min(len(used), round(_SEARCHED_S / BLOCK_S))
+    spread = used[np.linspace(0, len(used) - 1, count).astype(int)]
     learnt, held_out = cells.part(spread[::2]), cells.part(spread[1::2])
     fit = _fit_states(learnt, np.zeros(learnt.usable.shape, dtype=np.int64), 1)
     moved = bodies_of(learnt, fit).contrast[0] > CONTRAST
