@@ -33,6 +33,16 @@ def test_ordinary_days_and_the_day_after_another_tool_are_no_incidents(separated
     assert named(separated(10, **TOOL), [*before, changed]) == ('', '')
 
 
+def test_a_heavier_tool_has_a_noise_of_its_own(separated, before):
+    """At 20 kg, the noise of the accelerometer is five times that of the days before."""
+    days, kinds = list(before), []
+    for number, noise in (9, 0.02), (10, 0.02), (11, 0.02), (12, 1.0):
+        day = separated(number, **{**TOOL, 'mass_kg': 20.0}, noise=noise)
+        kinds.append(named(day, days)[0])
+        days.append(replace(describe(day), kind=kinds[-1], incident=kinds[-1]))
+    assert kinds == ['tool', '', '', 'contacts']
+
+
 @pytest.mark.parametrize(('properties', 'kind', 'said'), [
     ({'jump': 5.0}, 'zero', 'by 5, -5, 3, '),
     ({'gain': 1.2}, 'sensor', 'weigh 1.20 times'),

@@ -145,7 +145,13 @@ def incident(
         )
     if found := _other_gains(day, entry, before) or _jump_of_zero(day, entry, drift):
         return found
-    past = np.array([other.noise for other in before if other.noise and other.kind in LEARNT_FROM])
+    # Noise of specific force is that of a wrench times the mass: it is that of the payload, too.
+    today = _gains(entry)
+    past = np.array([
+        other.noise for other in before
+        if other.noise and other.kind in LEARNT_FROM
+        and (not today or _share_one(today, _gains(other)))
+    ])  # fmt: skip
     if len(past) < DAYS_TO_AGREE:
         return '', ''
     ratios = np.array(entry.noise) / np.median(past, axis=0)
@@ -181,7 +187,7 @@ def _other_gains(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incid
     if not today:  # one day without a payload may be chance
         lost = f'The weight of the days before is not found any more: {day.doubt}'
         return ('sensor', lost) if day.doubt and not before[-1].payloads else None
-    if any(_are_same(one, other) for one in today for other in past):
+    if _share_one(today, past):
         return None
     masses = ' and '.join(f'{mass_kg:.2f}' for mass_kg, *_ in entry.payloads)
     # The newest of the days before comes first: an older tool may be of another mounting.
@@ -209,6 +215,11 @@ def _gains(entry: DayEntry) -> list[FloatArray]:
         return []
     gains = gains_of(np.array(entry.payloads), np.reshape(entry.rotation, (3, 3)))
     return [*np.swapaxes(gains / np.repeat([1.0, LEVER_M], 3), 1, 2)]
+
+
+def _share_one(these: Sequence[FloatArray], others: Sequence[FloatArray]) -> bool:
+    """Whether one of these gains is that of one of the others."""
+    return any(_are_same(one, other) for one in these for other in others)
 
 
 def _are_same(one: FloatArray, other: FloatArray) -> bool:
