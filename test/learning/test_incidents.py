@@ -68,11 +68,16 @@ def test_drift_that_no_thermometer_sees_is_no_noise(separated, before):
     assert named(separated(3, unseen=200.0, cells=3660), before) == ('', '')
 
 
-def test_a_weight_that_is_lost_on_two_days_is_another_gain(separated, before):
+def test_a_weight_that_is_lost_on_two_days_is_another_gain_once(separated, before):
     day = replace(separated(3), payloads=None, doubt='It is crooked.')
-    lost = replace(before[-1], payloads=())
-    assert incident(day, lost, before) == ('', '')
-    assert incident(day, lost, [*before, lost])[0] == 'sensor'
+    lost, unreadable = replace(before[-1], payloads=()), DayEntry('day', kind='unreadable')
+    said = replace(lost, kind='sensor', incident='lost')
+    for since, kind in (
+        ([], ''), ([unreadable], ''), ([lost], 'sensor'), ([lost, unreadable], 'sensor'),
+        ([lost, said], ''), ([lost, said, lost, lost], ''), ([lost, said, before[0]], ''),
+        ([lost, said, before[0], lost], 'sensor'),
+    ):  # fmt: skip
+        assert incident(day, lost, [*before, *since])[0] == kind
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ or the reading steps and stays, other than by a tare.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import permutations, takewhile
 
 import numpy as np
 
@@ -184,9 +184,12 @@ def _other_gains(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incid
     today = _gains(entry)
     if not past:
         return None
-    if not today:  # one day without a payload may be chance
+    if not today:  # one day without a payload may be chance; of more, the second one says so
         lost = f'The weight of the days before is not found any more: {day.doubt}'
-        return ('sensor', lost) if day.doubt and not before[-1].payloads else None
+        since = takewhile(lambda other: not other.payloads, reversed(before))
+        kinds = {other.kind for other in since}
+        is_second = 'sensor' not in kinds and not kinds.isdisjoint(LEARNT_FROM)
+        return ('sensor', lost) if day.doubt and is_second else None
     if _share_one(today, past):
         return None
     masses = ' and '.join(f'{mass_kg:.2f}' for mass_kg, *_ in entry.payloads)
