@@ -72,6 +72,8 @@ class WeightCheck:
     def __init__(self, name: str = '') -> None:
         #: How the wrench moves otherwise than the weight, in a sentence; '' where it does not.
         self.found = ''
+        #: Whether changes of _LOOK_N showed that, so that they may show that it is mended.
+        self._by_looks = False
         self._name = name
         self._before: FloatArray | None = None
         self._changes: deque[FloatArray] = deque(maxlen=_KEPT)
@@ -100,12 +102,16 @@ class WeightCheck:
         if not self._moves or np.linalg.norm(now[0, :3] - self._moves[-1][0]) >= _MOVED_N:
             self._moves.append(now[:, :3])
             self._alone = self._alone + 1 if self._turns_alone() else 0
-        if not self.found and (self._alone >= _IN_A_ROW or self._is_against()):
+        against = self._is_against()
+        if not self.found and (self._alone >= _IN_A_ROW or against):
+            self._by_looks = bool(against)
             self.found = (
                 f'the force turns as the weight of {self._name} does, but specific force is '
                 'mirrored, turned otherwise, or stands still: is z of gravity.frame up, does /tf, '
                 'or the IMU, show how the robot moves now, or does a process press?'
             )
+        elif self._by_looks and against is False:  # _compare never judges a light weight
+            self.found, self._by_looks = '', False
         if self._before is None:
             self._before = now
             self._poses.append(weight[:3])
@@ -115,7 +121,7 @@ class WeightCheck:
             self._changes.append(change)
             self._poses.append(weight[:3])
             if len(self._changes) >= _FEWEST and (found := self._compare()) is not None:
-                self.found = found
+                self.found, self._by_looks = found, False
 
     def _turns_alone(self) -> bool:
         """Whether the force moves on the sphere of the weight, but not as the weight."""
@@ -137,19 +143,29 @@ class WeightCheck:
         on_sphere = np.abs(distances / radius_n - 1) < _THICK
         return bool(on_sphere.mean(axis=1).max() >= _ON_SPHERE)
 
-    def _is_against(self) -> bool:
-        """Whether the force moves against the weight, or aside, though it is as large."""
+    def _is_against(self) -> bool | None:
+        """
+        Whether the force moves against the weight, or aside, though it is as large.
+
+        False where it moves as the weight does, None where looks do not tell.
+        """
         if len(self._looks) < _LOOKS:
-            return False
+            return None
         force, weight = np.swapaxes(self._looks - np.mean(self._looks, axis=0), 0, 1)
-        (turn,) = _fit_turns(force[None], weight[None])
-        rest_n = np.linalg.norm(force - weight @ turn.T, axis=1).max()
+        if len(distinct(weight, _LOOK_N)) < _FEWEST_POSES:
+            return None
         reach, size = np.linalg.norm(weight), np.linalg.norm(force)
+        (turn,) = _fit_turns(force[None], weight[None])
+        limit_n = _TURN_REST * reach / np.sqrt(_LOOKS)
+        follows, turns = (
+            bool(np.linalg.norm(force - moved, axis=1).max() < limit_n)
+            for moved in (weight, weight @ turn.T)
+        )
         is_as_large = _AS_LARGE * reach < size < reach / _AS_LARGE
         is_turned = np.sum(force * weight) < _ALONG_SHARE * reach**2
-        is_clear = is_as_large and rest_n < _TURN_REST * reach / np.sqrt(_LOOKS)
-        poses = distinct(weight, _LOOK_N)
-        return bool(is_turned and is_clear and len(poses) >= _FEWEST_POSES)
+        if turns and is_as_large and is_turned:
+            return True
+        return False if follows else None
 
     def _compare(self) -> str | None:
         """Say what the changes that are kept show; None where they do not tell."""
