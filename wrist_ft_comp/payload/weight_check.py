@@ -230,7 +230,8 @@ class WeightCheck:
             return None
         # d × ΔW, linear in d: one block of three rows a change.
         torque = changes[free, 0, 3:] - changes[free, 1, 3:]
-        if np.median(np.abs(changes[:, 0, 3:])) < ROUNDING:  # a sensor of forces alone
+        moved_nm = np.median(np.abs(changes[:, 0, 3:]))
+        if np.isnan(moved_nm) or moved_nm < ROUNDING:  # a sensor of forces alone
             torque = np.zeros_like(torque)
         rows = np.cross(np.eye(3), weight[free][:, None]).swapaxes(1, 2)
         shift, *_ = np.linalg.lstsq(rows.reshape(-1, 3), torque.ravel(), rcond=None)

@@ -377,13 +377,17 @@ def test_a_wrench_unlike_the_weight_is_a_warning(held, felt_turn, shift_m, conta
     assert (found.level, expected in found.message) == (WARN if words else OK, True), found.message
 
 
-@pytest.mark.parametrize(('mass_kg', 'noise_n'), [(0.08, 0.01), (0.15, 0.05), (1.5, 0.05)])
-def test_a_turned_imu_is_no_longer_said_when_it_is_mended(held, mass_kg, noise_n):
+@pytest.mark.parametrize(
+    ('mass_kg', 'noise_n', 'torques'),
+    [(0.08, 0.01, 1), (0.15, 0.05, 1), (1.5, 0.05, 1), (1.5, 0.05, 0), (1.5, 0.05, np.nan)],
+)
+def test_a_turned_imu_is_no_longer_said_when_it_is_mended(held, mass_kg, noise_n, torques):
     payload, rng = Payload(mass_kg, np.array([0.0, 0.0, 0.05])), np.random.default_rng(0)
     manual = {**BY_HAND, 'payload.mass': mass_kg, 'payload.center_of_mass': (0.0, 0.0, 0.05)}
     part, levels = held(('day', MOUNTED), **{**manual, 'payload.active': 'manual'}), []
     for k, up in enumerate(Rotation.random(200, random_state=1).apply(UP)):
         wrench = payload.weight(up) + rng.normal(0, noise_n, 6) * [1, 1, 1, 0.02, 0.02, 0.02]
+        wrench[3:] *= torques
         levels.append(part.see(k, up * [1, 1, -1 if k < 100 else 1], wrench).level)
     assert (levels[99], levels[199]) == (WARN, OK)
 
