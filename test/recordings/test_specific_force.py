@@ -126,6 +126,18 @@ def test_tf_gives_gravity_in_the_frame_of_the_wrench(robot, storage, rate, toler
     np.testing.assert_allclose(speed, expected, atol=0.02)
 
 
+@pytest.mark.parametrize('ahead_s', [2.5, 5, 1000])
+def test_one_transform_that_is_stamped_ahead_costs_no_force(robot, monkeypatch, ahead_s):
+    monkeypatch.setattr(bag_file, 'BATCH', 100)
+    moving = list(robot.moving(np.arange(0, END + 0.1, 0.01)))
+    at = moving[320][2]
+    ((*_, ahead),) = robot.moving([3.2 + ahead_s])
+    moving[320] = '/tf', TF, at, ahead
+    path = robot.write(robot.still(), moving, robot.wrenches())
+    force = read_recording(path, topics=BY_TF).specific_force[:END]
+    np.testing.assert_allclose(force, means(range(END), true_force), atol=0.05)
+
+
 def test_tf_may_lie_in_one_namespace(robot):
     parts = robot.still(), robot.moving(np.arange(0, END + 0.1, 0.05))
     inside = [(f'/left{topic}', *rest) for part in parts for topic, *rest in part]

@@ -301,11 +301,11 @@ def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
         settled_ns = gravity.settled_ns() if batch else None
         now = due * _STEP_NS <= (settled_ns or np.iinfo(np.int64).max) - _STEP_NS // 2
         steps, due = due[now & (due > last_step)], due[~now]
-        last_step = int(steps.max(initial=last_step))
         times_ns = steps * _STEP_NS + _STEP_NS // 2
         force, speed = gravity.read(times_ns)
         gravity.forget()
         linked, turned = np.isfinite(force[:, 0]), np.isfinite(speed)
+        last_step = int(steps[linked].max(initial=last_step))  # none of a stamp that is ahead
         found |= bool(linked.any())
         yield Samples(FORCE_CHANNELS, times_ns[linked], force[linked])
         yield Samples((channels.ROTATION_CHANNEL,), times_ns[turned], speed[turned, np.newaxis])
