@@ -196,6 +196,16 @@ def test_a_robot_parked_with_a_part_has_no_jump_of_its_zero(tmp_path, parked_s, 
     assert load_diary(tmp_path).days[0].kind == kind
 
 
+def test_an_axis_that_was_dead_on_the_first_day_is_learnt(own_days):
+    path = own_days / 'days/day_00001.csv'
+    rows = np.loadtxt(path, delimiter=',', skiprows=1)
+    rows[:, COLUMNS.index('torque_z')] = 0.125
+    write_rows(path, rows)
+    answer = job_main.answer(job_of(own_days, 2))
+    assert (answer['success'], answer['learnt']) == (True, True), answer['message']
+    assert 'torque_z' in load_model(answer['path']).model.axes
+
+
 def test_a_day_is_judged_with_the_model_that_ran_until_a_person_ended_it(tmp_path, capsys):
     for number in range(1, 7):
         write_day(tmp_path, number)
