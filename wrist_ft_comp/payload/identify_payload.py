@@ -41,8 +41,10 @@ def identify(
     Cells, (n, CHANNELS), are means over ``period_s``, s, in order of time: N and N m, m/s² as
     measured, and rad/s, or NaN where unknown. ``sensor`` has bias and scale of the accelerometer
     by a calibration. Without it, or where the norm that it gives is not that of gravity, they are
-    fitted to the minute.
+    fitted to the minute. Of a sensor whose torques are all NaN, the centre of mass is zero.
     """
+    if np.isnan(cells[:, 3:6]).all():  # of forces alone: their weight needs no centre of mass
+        cells = np.hstack((cells[:, :3], np.zeros((len(cells), 3)), cells[:, 6:]))
     wrench, force, speed = cells[:, : len(AXES)], cells[:, len(AXES) : -1], cells[:, -1]
     finite = np.all(np.abs(cells[:, :-1]) < LARGEST, axis=1)
     force = np.where(finite[:, np.newaxis], force, 0.0)

@@ -36,21 +36,23 @@ def minute():
     return work.payloads[0], motion, imu
 
 
-def send(node, minute, rows):
+def send(node, minute, rows, torques=1.0):
     _, motion, imu = minute
     for k in rows:
         stamp = START + 2 * SECOND + k * SECOND // RATE_HZ
         felt, speed = tuple(imu[k, :3].tolist()), math.hypot(*imu[k, 3:])
         node.node.broadcast('on_specific_force', stamp, felt, speed)
-        node.ask_output(stamp, (motion.weight[k] + motion.contact[k] + 1.0).tolist())
+        wrench = motion.weight[k] + motion.contact[k] + 1.0
+        node.ask_output(stamp, (wrench * np.repeat([1.0, torques], 3)).tolist())
 
 
-def test_a_minute_of_work_gives_the_payload_and_the_next_step(working, minute):
-    tool = minute[0]
+@pytest.mark.parametrize('torques', [1.0, np.nan], ids=['six axes', 'forces alone'])
+def test_a_minute_of_work_gives_the_payload_and_the_next_step(working, minute, torques):
+    tool, center_m = minute[0], minute[0].center_m * (torques == 1)
     answers = working.ask('identify_payload')
-    send(working, minute, range(600))
+    send(working, minute, range(600), torques)
     assert working.diagnosis('payload').message == 'identifying a payload: 50% of a minute'
-    send(working, minute, range(600, 1202))
+    send(working, minute, range(600, 1202), torques)
     answer = working.answered(answers)
     assert answer.success, answer.message
     path = working.directory / 'models/payloads.json'
@@ -58,7 +60,7 @@ def test_a_minute_of_work_gives_the_payload_and_the_next_step(working, minute):
     assert (kept[0], kept[1]['source']) == ('identified-1', 'imu')
     assert kept[1]['wrench_frame'] == 'tool0'
     assert kept[1]['mass_kg'] == pytest.approx(tool.mass_kg, rel=0.03)
-    np.testing.assert_allclose(kept[1]['center_of_mass_m'], tool.center_m, atol=5e-3)
+    np.testing.assert_allclose(kept[1]['center_of_mass_m'], center_m, atol=5e-3)
     assert answer.message.startswith(f'identified-1: {kept[1]["mass_kg"]:.3f} ± 0.0')
     assert 'Specific force is turned by roll, pitch, yaw of ' in answer.message
     name = working.node.get_fully_qualified_name()
