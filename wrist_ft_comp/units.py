@@ -1,6 +1,7 @@
 """Units in which a table may hold times, forces, torques and temperatures, and their names."""
 
 from collections.abc import Mapping
+from itertools import chain
 import re
 from typing import TypeVar
 from unicodedata import normalize
@@ -53,6 +54,10 @@ _OTHER_UNITS = {
     'milliseconds': 'ms', 'microseconds': 'us', '\u03bcs': 'us', 'usec': 'us', 'hours': 'h',
     'hr': 'h', 'hrs': 'h', 'stunden': 'h', 'minutes': 'min', 'mins': 'min', 'days': 'd',
 }  # fmt: skip
+#: What may stand between the units of a product, as in N·mm; in a name a blank or _ may, too.
+TIMES = r'*.·⋅∙•×\-'
+#: A product with a length, or with a weight: N_mm and in-lbf, but not C_Nm, which is of an axis C.
+_PRODUCT = rf'[^\W\d_]+[{TIMES}_ ](?i:[mc]?m|in|ft|lb[fs]?|ozf?)'
 #: A word in brackets in a column's name.
 _IN_BRACKETS = re.compile(r'[\[(]([^\[\]()]*[^\W\d][^\[\]()]*)[\])]')
 
@@ -74,17 +79,16 @@ def units_of(channel: str) -> Mapping[str, float]:
 
 def plain_unit(text: str) -> str:
     """Write a unit as the tables have it: Nm for N*m, lbfin for lb-in, C for °C."""
-    plain = re.sub(r'[\s*·.^°_()\[\]-]', '', normalize('NFKC', text))
+    plain = re.sub(rf'[\s^°_()\[\]{TIMES}]', '', normalize('NFKC', text))
     return plain if plain in UNIT_WORDS else _OTHER_UNITS.get(plain.lower(), plain)
 
 
 def known_unit(channel: str, name: str, unit: str = '') -> str:
     """Find the unit of a channel in the name of its column, or beside it; empty where unknown."""
     # In brackets, behind a slash or a comma, or behind an underscore or a blank at the end.
-    behind = re.findall(r'(?<=[^\s/_])(?:\s*/\s*|_|\s)([^\W\d][^\W\d_/]*|°\w)$', name.strip())
-    # N_mm and ozf-in are one unit.
-    behind = [*re.findall(r'(?<=[^\s/_])[_\s]([^\W\d_]+[_-][^\W\d_]+)$', name.strip()), *behind]
-    words = map(plain_unit, (*said_units(name, unit), *behind))
+    forms = _PRODUCT, r'[^\W\d][^\W\d_/]*|°\w'
+    behind = [re.findall(rf'(?<=[^\s/_])(?:\s*/\s*|[_\s,])({f})$', name.strip()) for f in forms]
+    words = map(plain_unit, (*said_units(name, unit), *chain(*behind)))
     return next((word for word in words if word in units_of(channel)), '')
 
 
@@ -93,7 +97,7 @@ def said_units(name: str, unit: str = '') -> list[str]:
     return [
         *_IN_BRACKETS.findall(name),
         *RAW_UNIT.findall(name.lower()),
-        *re.findall(r'(?:,|\s/)\s*([^\W\d]+|°\w)\s*(?=[\[(]|$)', name),
+        *re.findall(rf'(?:,|\s/)\s*([^\W\d]+(?:[{TIMES} ][^\W\d]+)?|°\w)\s*(?=[\[(]|$)', name),
         *filter(None, [unit]),
     ]
 

@@ -15,6 +15,7 @@ from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.column_map import parse_map
 from wrist_ft_comp.recordings.read import open_recording, read_recording
 from wrist_ft_comp.recordings.read_options import Excerpt, parse_excerpt
+from wrist_ft_comp.units import known_unit
 
 ROWS = 3600
 BEGIN = datetime(2026, 11, 20, 8)
@@ -126,6 +127,8 @@ UNITS = {
     'us and N cm': ('time [µs],Fz [N],Mx [N cm],T1 [°C]', 1e6, 1, 100),
     'behind a name': ('time_ms,Fz_kN,Mx_nm,T', 1e3, 1e-3, 1),
     'behind a slash': ('t / days,Fz / N,Mx / Nmm,T1 / °C', 1 / 86400, 1, 1e3),
+    'a product behind a slash': ('t / s,Fz / kN,Mx / N·mm,T / °C', 1, 1e-3, 1e3),
+    'a product behind a blank': ('t s,Fz mN,Mx mN⋅m,T °C', 1, 1e3, 1e3),
     'in capitals': ('time (S),Fz (LBF),Mx (KGF-CM),Temp (DEG C)', 1, 1 / 4.4482216, 10.1971621),
     'a row of them': ('time,Fz,Mx,Temp\nms,lbf,N m,°C', 1e3, 1 / 4.4482216, 1),
 }
@@ -147,6 +150,14 @@ def test_units_are_read_by_guess_and_by_a_map_that_names_none(form, done, tmp_pa
         # A thousandth of a second of rounding puts a sample into the neighbouring cell.
         means = np.nanmean(recording.wrench[:, 2:4], axis=0)
         np.testing.assert_allclose(means, wrench[:, 2:4].mean(axis=0), rtol=1e-3)
+
+
+@pytest.mark.parametrize('form', ['Ty [%s]', 'Ty / %s', 'Ty/%s', 'Ty, %s', 'Ty %s', 'Ty_%s'])
+def test_a_product_of_units_is_understood_wherever_it_stands(form):
+    for unit in ('N·mm', 'N⋅mm', 'N*mm', 'N-mm', 'N.mm', 'N mm', 'N_mm', 'Nmm'):
+        assert known_unit('torque_y', form % unit) == 'Nmm', unit
+    assert known_unit('torque_y', form % 'in-lbf') == 'lbfin'
+    assert known_unit('torque_y', 'Torque_C_Nm') == 'Nm', 'C is an axis'
 
 
 def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(done, tmp_path):
@@ -193,7 +204,8 @@ def test_counts_are_no_tenths_of_degrees_and_volts_of_a_bridge_no_newtons(run, t
 
 
 @pytest.mark.parametrize(('line', 'is_doubt'), [
-    ('# all forces in kN', True), ('# Scale: 1000 counts/N', True), ('Channel 1: Fz kN', True),
+    ('# all forces in kN', True), ('# torques in N·mm', True), ('# Scale: 1000 counts/N', True),
+    ('Channel 1: Fz kN', True),
     ('ScaleFactor,0.001,1', True), ('ScaleFactor,1,1', False), ('# cell 3, 100 N', False),
 ])  # fmt: skip
 def test_a_line_above_that_tells_of_units_is_quoted(line, is_doubt, done, tmp_path):

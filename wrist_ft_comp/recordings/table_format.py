@@ -303,7 +303,7 @@ def _merged_units(row: Sequence[str]) -> list[str]:
 def _is_doubtful(line: str) -> bool:
     others = {*units.units_of('force_x'), *units.units_of('torque_x')} - {'N', 'Nm', 'g'}
     is_scaled = any(float(n) != 1 for n in re.findall(r'\d+(?:\.\d+)?', line))
-    words = map(plain_unit, re.findall(r'[^\W\d_]+', line))
+    words = map(plain_unit, re.findall(rf'[^\W\d_]+(?:[{units.TIMES}][^\W\d_]+)?', line))
     return not others.isdisjoint(words) or (is_scaled and _SCALE.search(line) is not None)
 
 
