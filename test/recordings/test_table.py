@@ -165,6 +165,12 @@ def test_what_a_missing_library_reads_is_a_sentence(make_csv, monkeypatch, name,
         all_samples(make_csv(b'PK', name))
 
 
+@pytest.mark.parametrize('line', ['#1,1,99,20', '//,1,99,20', 'Min,0,99,20', '"",Max:,99,20'])
+def test_a_line_that_is_no_sample_is_none_where_its_first_cells_are_not_used(make_csv, line):
+    path = make_csv(f',stamp_s,force_z,temperature_c\n0,0,1,20\n1,1,2,20\n{line}\n2,2,3,20\n')
+    assert all_samples(path)[0]['force_z'] == ([0, 10**9, 2 * 10**9], [1.0, 2.0, 3.0])
+
+
 def test_rows_of_one_stamp_are_one_sample(make_csv):
     path = make_csv(f'{HEADER}0,1,20\n0,3,21\n1,5,22\n2,7,\n2,9,24\n')
     samples, _ = all_samples(path)
@@ -197,6 +203,8 @@ BAD = [
     ('stamp_s,force_z,force_z,temperature_c\n0,1,1,1\n', 'force_z twice'),
     ('stamp_s,stamp_s,force_z\n0,1,1\n', 'stamp twice'),
     (HEADER + '0,1,20\n1,1\n2,1,20\n', 'Line 3 of run.csv has 2 cells.*3'),
+    (HEADER + '0,1,20\n1,1\n2,7,1,20\n3,1,20\n', 'Line 3 of run.csv has 2 cells'),
+    (HEADER + '0,1,20\n1,1,202,1,20\n\n3,1,20\n', 'Line 3 of run.csv has 5 cells'),
     (HEADER + '0,1,20\n\n1,1,2,3\n', 'Line 4 of run.csv has 4 cells'),
     (HEADER + '0,"1",20\n\n1,1\n', 'Line 4 of run.csv has 2 cells'),
     (HEADER + '0,1,20\n1,abc,20\n', "Line 3 of run.csv, column force_z.*number.*'abc'"),

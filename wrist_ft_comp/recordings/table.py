@@ -1,8 +1,8 @@
 """
 Tables read by pandas: CSV and its relatives in blocks, workbooks, parquet, columns in memory.
 
-A block of rows that is as it should be is converted by pandas as a whole; any other one is cut by
-csv first, which knows the lines. A last line without a line end may be cut off; where it is
+A block of rows, all as wide as they should be, is converted by pandas as a whole; any other one is
+cut by csv first, which knows the lines. A last line without a line end may be cut off; where it is
 incomplete, it is left out.
 """
 
@@ -200,9 +200,10 @@ class Table:
         import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
         sign, width = self.header.delimiter, self.header.width
-        line_ends, signs = text.count('\n'), text.count(sign)
-        cells = len(text.split()) if sign == ' ' else line_ends + signs
-        if line_ends and cells == line_ends * width:
+        texts = text.removesuffix('\n').split('\n')
+        cells = {len(line.split()) if sign == ' ' else line.count(sign) + 1 for line in texts}
+        is_odd = cells != {width} or table_format.NO_SAMPLE.search(f'\n{text}')
+        if text.endswith('\n') and not is_odd:
             with suppress(RecordingError, *_BAD):
                 frame = pandas.read_csv(
                     StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
@@ -211,10 +212,10 @@ class Table:
                     skip_blank_lines=False, float_precision='high',
                     decimal=self.header.decimal, thousands=self.header.thousands or None,
                 )  # fmt: skip
-                return convert(frame.set_axis(range(number, number + line_ends)))
+                return convert(frame.set_axis(range(number, number + len(texts))))
 
         # Line by line: some are comments, repeat the header, are empty or bad.
-        texts = ['' if line.startswith(COMMENTS) else line for line in text.split('\n')]
+        texts = ['' if line.startswith(COMMENTS) else line for line in texts]
         rows: dict[int, list[str]] = {}
         reader = csv.reader(texts, delimiter=sign, skipinitialspace=True)
         try:

@@ -54,6 +54,8 @@ _STATISTICS = {
     'avg', 'smp', 'min', 'max', 'std', 'mean', 'ts', 'rn', 'count', 'median', 'tot', 'average',
     'minimum', 'maximum', 'stdev', 'std dev', 'rms', 'mittelwert', 'standardabweichung',
 }  # fmt: skip
+#: What tells, behind a line end, a line that may hold statistics or a comment, whatever its cells.
+NO_SAMPLE = re.compile(rf'\n(?!\d)(?:[#%]|//|\W*(?i:{"|".join(_STATISTICS)})\b)')
 #: Lines above the header that say in which unit, or how many counts, forces or torques are.
 _UNIT_LINE = re.compile(r'(force|torque) units?\W+([a-z-]+)', re.IGNORECASE)
 _COUNTS_LINE = re.compile(r'counts per (?:unit )?(force|torque)\W+([\d.]+)', re.IGNORECASE)
