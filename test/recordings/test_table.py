@@ -171,6 +171,18 @@ def test_a_line_that_is_no_sample_is_none_where_its_first_cells_are_not_used(mak
     assert all_samples(path)[0]['force_z'] == ([0, 10**9, 2 * 10**9], [1.0, 2.0, 3.0])
 
 
+@pytest.mark.parametrize('form', ['{0};{1:,.1f};{2}', '{0},"{1:,.1f}",{2}', '{0}\t{1:,.0f}\t{2}'])
+@pytest.mark.parametrize(('first', 'step'), [(990, 1 / 40), (1030, -1 / 8)])
+def test_thousands_that_are_in_the_first_or_in_the_last_rows_only_are_read(
+    make_csv, form, first, step
+):
+    forces = [float(round(first + step * k)) for k in range(2000)]
+    rows = '\n'.join(form.format(k, force, f'2{k % 7}.5') for k, force in enumerate(forces))
+    header = form.format('stamp_s', 1, 'temperature_c').replace('1.0', '1').replace('"', '')
+    path = make_csv(f'{header.replace("1", "force_z")}\n{rows}\n')
+    assert all_samples(path)[0]['force_z'] == ([k * 10**9 for k in range(2000)], forces)
+
+
 def test_rows_of_one_stamp_are_one_sample(make_csv):
     path = make_csv(f'{HEADER}0,1,20\n0,3,21\n1,5,22\n2,7,\n2,9,24\n')
     samples, _ = all_samples(path)
@@ -210,6 +222,7 @@ BAD = [
     (HEADER + '0,1,20\n1,abc,20\n', "Line 3 of run.csv, column force_z.*number.*'abc'"),
     (HEADER + '0,1,20\n1,1_0,20\n', "Line 3 of run.csv, column force_z.*number.*'1_0'"),
     (HEADER + '0,1,20\n1,1,\n2,1,x\n', "Line 4 of run.csv, column temperature_c.*got 'x'"),
+    ('stamp_s;force_z;temperature_c\n' + '0;1.5;20\n' * 300 + '1;1,5;20\n', "a number, got '1,5'"),
     ('stamp_s;force_z;temperature_c\n0;1,5,0;20\n', "expected a number, got '1,5,0'"),
     *((f'{HEADER}0,1,20\n{bad},1,20\n', f"Line 3 of run.csv, column stamp_s.*got '{bad}'")
       for bad in ('', '-', 'nan', '1e40', '1_0', '8 h')),

@@ -209,8 +209,8 @@ class Table:
                     StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
                     names=range(width), usecols=[k for k in convert.places if k < width],
                     index_col=False, dtype=convert.types, skipinitialspace=True,
-                    skip_blank_lines=False, float_precision='high',
-                    decimal=self.header.decimal, thousands=self.header.thousands or None,
+                    skip_blank_lines=False, float_precision='high', low_memory=False,
+                    decimal=self.header.decimal,
                 )  # fmt: skip
                 return convert(frame.set_axis(range(number, number + len(texts))))
 
@@ -332,11 +332,11 @@ class _RowConverter:
         stamps = cells_of(self._stamp)
         if date := self._columns.get(column_map.STAMP_DATE):
             stamps = [f'{day} {time}' for day, time in zip(cells_of(date), stamps, strict=True)]
+        if isinstance(stamps, list):
+            stamps = list(map(self._header.without_thousands, stamps))
         if not self._form and isinstance(stamps, list):
             self._form = table_format.find_form(stamps, month_first=self._header.delimiter == ',')
         form = self._form = self._form or 's'
-        if self._header.thousands and form in TIME_UNITS_NS and isinstance(stamps, list):
-            stamps = [stamp.replace(self._header.thousands, '') for stamp in stamps]
         stamps_ns = self._convert(partial(exact_ns, form=form), stamps, self._stamp, lines)
         if factor is not None:
             stamps_ns = np.rint(stamps_ns * factor).astype(np.int64)

@@ -31,6 +31,10 @@ NUMBER = re.compile(r'[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?inf(inity
 _DECIMALS = re.compile(
     r'[-+]?\d*(?:(?P<other>[.,])\d+)?(?P<last>[.,])(?P<digits>\d*)(?:[eE][-+]?\d+)?'
 )
+#: A number with thousands, and their sign.
+_WITH_THOUSANDS = re.compile(
+    r'[-+]?[1-9]\d{0,2}(?P<sign>[.,])\d{3}(?:(?P=sign)\d{3})*(?:(?!(?P=sign))[.,]\d*)?'
+)
 #: 3.1 N: a number, and what stands behind it.
 _WITH_UNIT = re.compile(rf'(?:{NUMBER.pattern})(?: ?(?P<unit>[^\d\s.,:;+-]\D*))?', re.IGNORECASE)
 #: What looks like a time: digits, signs between some of them, and words of up to three letters.
@@ -133,14 +137,22 @@ class Header:
         name, told = self.names[place], self.told.get(place, '')
         return told if told and name.isdecimal() else f'{name} {told}'.strip()
 
+    def without_thousands(self, cell: str) -> str:
+        """Leave the signs between thousands out, where they are some."""
+        if not self.thousands or self.thousands not in cell:
+            return cell
+        match = _WITH_THOUSANDS.fullmatch(cell)
+        is_theirs = match and match['sign'] == self.thousands
+        return cell.replace(self.thousands, '') if is_theirs else cell
+
     def number_in(self, cell: str) -> float:
         """Read a number; a missing one is NaN. ValueError where it is none."""
         if cell.lower() in MISSING:
             return nan
-        cell = cell.replace(self.thousands, '').replace(',', '.')
-        if not NUMBER.fullmatch(cell):
+        plain = self.without_thousands(cell)
+        if not NUMBER.fullmatch(plain) or (self.thousands and self.thousands in plain):
             raise ValueError(cell)
-        return float(cell)
+        return float(plain.replace(',', '.'))
 
 
 def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
@@ -267,8 +279,7 @@ def _find_decimals(cells: Sequence[str]) -> tuple[str, str]:
         has_points = not signs or any(match['last'] == '.' for match in signs)
         return '.' if has_points else ',', ''
     (decimal,) = decimals
-    others = {sign for match in signs for sign in (match['other'], match['last']) if sign}
-    return decimal, ''.join(others - decimals)
+    return decimal, '.' if decimal == ',' else ','
 
 
 def cut_line(line: str, delimiter: str) -> list[str]:
@@ -290,7 +301,8 @@ def unit_behind(cell: str) -> str | None:
 def _is_value(cell: str) -> bool:
     """Whether a cell holds a number or a time, or says that it holds none."""
     is_missing = not cell.strip('-=:') or cell.lower() in MISSING
-    return is_missing or unit_behind(cell) is not None or _TIME.fullmatch(cell) is not None
+    forms = _TIME, _WITH_THOUSANDS
+    return is_missing or unit_behind(cell) is not None or any(f.fullmatch(cell) for f in forms)
 
 
 def _merged_units(row: Sequence[str]) -> list[str]:
