@@ -56,6 +56,12 @@ def test_stamps_become_nanoseconds_exactly(make_csv, text, time, ns, count):
     assert all_samples(path, time=time)[0]['force_z'] == ([ns], [1.0])
 
 
+@pytest.mark.parametrize(('text', 'factor'), [(EPOCH, '1e-9'), ('1723248197123.456789', '0.001')])
+def test_a_factor_makes_seconds_of_numbers_whatever_their_size(make_csv, text, factor):
+    path = make_csv(f't,Fz\n{text},1\n')
+    assert all_samples(path, f'stamp=t*{factor},force_z=Fz')[0]['force_z'] == ([EPOCH], [1.0])
+
+
 @given(st.lists(st.integers(-(10**19) // 2, 10**19 // 2), min_size=1, max_size=30, unique=True))
 @UNSHARED
 def test_any_nanosecond_survives_being_written_as_seconds(make_csv, stamps):

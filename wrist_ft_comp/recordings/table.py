@@ -334,12 +334,11 @@ class _RowConverter:
             stamps = [f'{day} {time}' for day, time in zip(cells_of(date), stamps, strict=True)]
         if isinstance(stamps, list):
             stamps = list(map(self._header.without_thousands, stamps))
-        if not self._form and isinstance(stamps, list):
+        if not self._form and isinstance(stamps, list) and factor is None:
             self._form = table_format.find_form(stamps, month_first=self._header.delimiter == ',')
         form = self._form = self._form or 's'
-        stamps_ns = self._convert(partial(exact_ns, form=form), stamps, self._stamp, lines)
-        if factor is not None:
-            stamps_ns = np.rint(stamps_ns * factor).astype(np.int64)
+        times = partial(exact_ns, form=form, factor=factor or 1.0)
+        stamps_ns = self._convert(times, stamps, self._stamp, lines)
         if nanosec := self._columns.get(column_map.STAMP_NANOSEC):
             if form == 's' and factor is None and (stamps_ns % NANOSECONDS).any():
                 raise RecordingError(

@@ -325,13 +325,18 @@ def _units_in(row: Sequence[str]) -> int:
     return sum(plain_unit(cell) in units.UNIT_WORDS for cell in row)
 
 
-def exact_ns(cells: Any, form: str) -> IntArray:
-    """Convert texts, numbers or dates exactly to ns; texts raise Value- or ArithmeticError."""
+def exact_ns(cells: Any, form: str, factor: float = 1.0) -> IntArray:
+    """
+    Convert texts, numbers or dates exactly to ns; texts raise Value- or ArithmeticError.
+
+    Numbers are multiplied with the factor first, also those that are too large without.
+    """
     if isinstance(cells, np.ndarray):
-        if cells.dtype.kind in 'iu':
+        if cells.dtype.kind in 'iu' and factor == 1:
             return np.asarray(cells.astype(np.int64) * TIME_UNITS_NS[form])
         is_date = cells.dtype.kind == 'M'
-        numbers = cells if is_date else np.rint(cells.astype(float) * TIME_UNITS_NS[form])
+        unit_ns = 1 if is_date else TIME_UNITS_NS[form] * factor
+        numbers = cells if is_date else np.rint(cells.astype(float) * unit_ns)
         if not np.isfinite(numbers).all():
             raise ValueError('a stamp is missing')
         return np.asarray((numbers.astype('M8[ns]') if is_date else numbers).astype(np.int64))
@@ -339,7 +344,8 @@ def exact_ns(cells: Any, form: str) -> IntArray:
     if unit_ns := TIME_UNITS_NS.get('d' if day else form):
         if any('_' in text for text in texts):
             raise ValueError('1_000 is no number of a table')
-        return np.array([round((Decimal(text) - day) * unit_ns) for text in texts], np.int64)
+        unit = unit_ns * Decimal(str(factor))
+        return np.array([round((Decimal(text) - day) * unit) for text in texts], np.int64)
     import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
     texts = [text.strip().removesuffix(' UTC') for text in texts]
