@@ -189,7 +189,9 @@ def test_thousands_that_are_in_the_first_or_in_the_last_rows_only_are_read(
     assert all_samples(path)[0]['force_z'] == ([k * 10**9 for k in range(2000)], forces)
 
 
-def test_rows_of_one_stamp_are_one_sample(make_csv):
+@pytest.mark.parametrize('block', [8, 16, table_file.BLOCK])
+def test_rows_of_one_stamp_are_one_sample(make_csv, monkeypatch, block):
+    monkeypatch.setattr(table_file, 'BLOCK', block)
     path = make_csv(f'{HEADER}0,1,20\n0,3,21\n1,5,22\n2,7,\n2,9,24\n')
     samples, _ = all_samples(path)
     assert samples['force_z'] == ([0, 10**9, 2 * 10**9], [2.0, 5.0, 8.0])

@@ -23,7 +23,7 @@ from wrist_ft_comp.recordings.column_map import lacking_kinds, listed, place_col
 from wrist_ft_comp.recordings.column_proposal import Proposal, propose
 from wrist_ft_comp.recordings.read_options import ReadOptions
 from wrist_ft_comp.recordings.sample_checks import grid_samples
-from wrist_ft_comp.recordings.table import Rows, samples_of, Table, TableInMemory
+from wrist_ft_comp.recordings.table import Rows, samples_of, Table, TableInMemory, whole_stamps
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stored.recording_writer import sensor_in
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
@@ -227,7 +227,7 @@ def _rows_of(
 ) -> Iterator[Rows]:
     """Read a table; where its clock stops before another one in it, say so first."""
     try:
-        yield from table.rows(placed, progress)
+        yield from whole_stamps(table.rows(placed, progress))
     except RecordingError as error:
         clocks = column_proposal.warn_of_clocks(placed, table)
         raise RecordingError(' '.join([*clocks, str(error)])) from error

@@ -8,7 +8,7 @@ incomplete, it is left out.
 
 import bz2
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass
@@ -64,6 +64,17 @@ class Rows:
     values: dict[str, FloatArray]
     #: Numbers of their lines in the file.
     lines: IntArray
+
+    def part(self, begin: int, end: int | None) -> 'Rows':
+        """Take some of them, by their places."""
+        values = {channel: column[begin:end] for channel, column in self.values.items()}
+        return Rows(self.stamps_ns[begin:end], values, self.lines[begin:end])
+
+    def joined(self, later: 'Rows') -> 'Rows':
+        """Put those that follow behind them."""
+        values = {c: np.concatenate([self.values[c], later.values[c]]) for c in self.values}
+        stamps_ns = np.concatenate([self.stamps_ns, later.stamps_ns])
+        return Rows(stamps_ns, values, np.concatenate([self.lines, later.lines]))
 
 
 class Table:
@@ -396,6 +407,23 @@ def _by_library(path: Path, library: str) -> Iterator[str]:
             f'{path.name} cannot be read by {library} ({what}). Save the table as CSV, or run '
             f"'pip install {library}' if it is not installed."
         ) from error
+
+
+def whole_stamps(blocks: Iterable[Rows]) -> Iterator[Rows]:
+    """Move rows of one stamp, which are one sample, into one block."""
+    held: Rows | None = None
+    for rows in blocks:
+        count = 0
+        if held is not None:
+            goes_on = rows.stamps_ns == held.stamps_ns[-1]
+            count = int(np.argmin(np.append(goes_on, False)))
+            held = held.joined(rows.part(0, count)) if count else held
+            if count == len(rows.lines):
+                continue
+            yield held
+        held = rows.part(count, None)
+    if held is not None:
+        yield held
 
 
 def samples_of(stamps_ns: IntArray, values: Mapping[str, FloatArray]) -> Iterator[Samples]:

@@ -335,8 +335,8 @@ def exact_ns(cells: Any, form: str, factor: float = 1.0) -> IntArray:
         if cells.dtype.kind in 'iu' and factor == 1:
             return np.asarray(cells.astype(np.int64) * TIME_UNITS_NS[form])
         is_date = cells.dtype.kind == 'M'
-        unit_ns = 1 if is_date else TIME_UNITS_NS[form] * factor
-        numbers = cells if is_date else np.rint(cells.astype(float) * unit_ns)
+        scale = 1.0 if is_date else TIME_UNITS_NS[form] * factor
+        numbers = cells if is_date else np.rint(cells.astype(float) * scale)
         if not np.isfinite(numbers).all():
             raise ValueError('a stamp is missing')
         return np.asarray((numbers.astype('M8[ns]') if is_date else numbers).astype(np.int64))
