@@ -148,17 +148,18 @@ def test_messages_that_arrive_at_once_count_as_one(driver, messages, tmp_path):
 @pytest.mark.usefixtures('ready')
 def test_times_of_arrival_are_not_compared_with_another_clock_s_stamps(driver, messages, tmp_path):
     since_boot_ns = 55 * 10**9
-    parts = [
+    wrenches = [
         ('/wrench_raw', messages.wrench_type, T0 + k, messages.wrench(since_boot_ns + k, range(6)))
         for k in range(3)
     ]
     frame = '/driver/frame', driver.frame, T0 + 4, driver.of_frame(since_boot_ns, 20.0)
     state = '/driver/state', driver.state, T0 + 4, driver.of_state(20.0)
-    path = messages.write(tmp_path / 'bag', [*parts, frame, state])
-    assert read(path, '/driver/frame:temperature') == [([since_boot_ns], [20.0])]
-    sentence = r'/driver/state of bag have no stamp.* 17232\d{5} s before they arrived'
-    with pytest.raises(RecordingError, match=sentence):
-        read(path, '/driver/state:temperatures[0]')
+    sentence = r'/driver/state of bag_\d have no stamp.* 17232\d{5} s before they arrived'
+    for name, parts in ('bag_1', [*wrenches, frame, state]), ('bag_2', [state, frame, *wrenches]):
+        path = messages.write(tmp_path / name, parts)
+        assert read(path, '/driver/frame:temperature') == [([since_boot_ns], [20.0])]
+        with pytest.raises(RecordingError, match=sentence):
+            read(path, '/driver/state:temperatures[0]')
 
 
 @pytest.mark.usefixtures('driver')

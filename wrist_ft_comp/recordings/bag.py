@@ -170,7 +170,7 @@ class _TopicStream:
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
     """Read wrench, temperatures and, where they are, reference and specific force; by batch."""
     streams = {stream.connection.id: stream for stream in _streams(bag, topics)}
-    ahead_ns = 0
+    unstamped, ahead_ns = '', 0
     if topics.gravity_frame:
         yield from gravity_samples(bag, topics)
     for number, times_ns, messages in bag.grouped(streams, progress):
@@ -180,8 +180,8 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
         is_first = stream.is_stamped is None
         stream.is_stamped = bool(stream.is_stamped or stamps_ns.any())
         if not stream.sources:
-            if stamps_ns.any():
-                ahead_ns = int(stamps_ns[-1]) - times_ns[-1]
+            for k in np.flatnonzero(stamps_ns)[-1:].tolist():
+                ahead_ns = max(ahead_ns, int(stamps_ns[k]) - times_ns[k], key=abs)
             stamps_ns = np.where(stamps_ns, stamps_ns, NO_TIME)
             if connection.msgtype == cdr.IMU:
                 yield Samples(FORCE_CHANNELS, stamps_ns, values[:, cdr.ACCELERATION])
@@ -195,13 +195,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
             if is_first and not np.isfinite(column).any():
                 layout = follow(bag.define(connection), connection.msgtype, messages[0])
                 raise RecordingError(f'{bag.name}: {source.missing(layout)}')
-        if abs(ahead_ns) > BAG_APART_S * NANOSECONDS and not stamps_ns.all():
-            raise RecordingError(
-                f'Messages on {connection.topic} of {bag.name} have no stamp, and their time of '
-                f'arrival says nothing: wrenches are stamped {abs(ahead_ns) / NANOSECONDS:.0f} s '
-                f'{"after" if ahead_ns > 0 else "before"} they arrived. Let their driver stamp by '
-                'the clock of ROS, and record again.'
-            )
+        unstamped = unstamped if stamps_ns.all() else connection.topic
         if stamps_ns.any():
             stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
         else:  # in simulated time, many may arrive at once
@@ -209,6 +203,13 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
             values = values[first]
         for (channel, source), column in zip(stream.sources.items(), values.T, strict=True):
             yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
+    if unstamped and abs(ahead_ns) > BAG_APART_S * NANOSECONDS:
+        raise RecordingError(
+            f'Messages on {unstamped} of {bag.name} have no stamp, and their time of arrival says '
+            f'nothing: wrenches are stamped {abs(ahead_ns) / NANOSECONDS:.0f} s '
+            f'{"after" if ahead_ns > 0 else "before"} they arrived. Let their driver stamp by the '
+            'clock of ROS, and record again.'
+        )
     for stream in streams.values():
         if not stream.sources and not stream.is_stamped:
             topic, remedy = stream.connection.topic, 'and record again'
