@@ -13,6 +13,7 @@ from wrist_ft_comp.wire import cdr
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
 pytestmark = pytest.mark.usefixtures('backend')
+T0 = 1_723_248_197_000_000_000
 CSV = (
     'stamp_s;note;force_z;temperature_c;torque_x\n0.0;"a;b";1.50;20.0;\n0.5;;2.50;;7\n1.0;c;;21;\n'
 )
@@ -76,6 +77,23 @@ def test_a_correction_sees_nan_for_absent_axes_and_only_rows_with_a_wrench(make_
     source = make_csv(CSV)
     rewrite_recording(source, source.with_name('out.csv'), look)
     assert seen == [([0, 500_000_000], [1, 2])]
+
+
+def test_a_wrench_of_a_bag_without_a_stamp_is_corrected_as_of_its_arrival(messages, tmp_path):
+    times_ns, seen = [T0, T0 + 10**9, T0 + 2 * 10**9], []
+    source = messages.write(tmp_path / 'bag', [
+        ('/wrench_raw', messages.wrench_type, T0 + k * 10**9, messages.wrench(stamp_ns, range(6)))
+        for k, stamp_ns in enumerate([T0, 0, times_ns[2]])
+    ])  # fmt: skip
+
+    def look(stamps_ns, wrench):
+        seen.extend(stamps_ns.tolist())
+        return wrench
+
+    rewrite_recording(source, tmp_path / 'out', look)
+    assert seen == times_ns
+    stamps_ns, _ = cdr.decode_many([d for _, d in raw_messages(tmp_path / 'out')['/wrench']], 6)
+    assert stamps_ns.tolist() == [T0, 0, times_ns[2]], 'its header stays as it was'
 
 
 def test_a_rewritten_bag_has_each_message_and_the_corrected_wrench(make_bag, storage, monkeypatch):

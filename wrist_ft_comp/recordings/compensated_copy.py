@@ -85,8 +85,12 @@ def _write_bag(
         copies = {c.id: add(c, c.topic, c.msgtype) for c in bag.connections}
         added = add(wrenches[0], f'/{output.strip("/")}', cdr.WRENCH)
         for batch in bag.batches(bag.connections, progress):
-            messages = [data for connection, _, data in batch if connection.id in numbers]
-            wrench = correct(*decode(bag, wrenches[0], messages))
+            of_wrench = [(ns, data) for connection, ns, data in batch if connection.id in numbers]
+            messages = [data for _, data in of_wrench]
+            stamps_ns, raw = decode(bag, wrenches[0], messages)
+            arrived_ns = np.array([ns for ns, _ in of_wrench], np.int64)
+            # Without a stamp, it drifted as when it came, not as in 1970.
+            wrench = correct(np.where(stamps_ns, stamps_ns, arrived_ns), raw)
             corrected = iter(cdr.encode_many(messages, wrench))
             for connection, time_ns, data in batch:
                 write(copies[connection.id], time_ns, data)
