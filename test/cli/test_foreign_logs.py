@@ -121,6 +121,24 @@ def test_a_part_is_chosen_in_every_way_of_writing_a_time(logs, run):
         assert 'begins at 2026-11-20 08:00:00 UTC and lasts 3599 s' in said
 
 
+@pytest.mark.parametrize(('beside', 'cells'), [
+    ('exclude:', ROWS), ('columns:\ntime:\nfrom:\nuntil:', ROWS), ('from: 600', ROWS - 600),
+    ('until: 1:20', ROWS), ('until: 0:10', 601), ('exclude: [600..700, 9..12]', ROWS),
+    ('exclude: 5', None), ('exclude: [600]', None), ('exclude: [[1, 2]]', None),
+])  # fmt: skip
+def test_what_stands_in_a_file_beside_is_read_as_it_is_on_the_command_line(
+    beside, cells, run, tmp_path
+):
+    t, wrench, celsius = day(1)
+    columns = t, wrench[:, 2], celsius
+    path = write(tmp_path / 'log.csv', 'stamp_s,force_z,temperature_c', columns)
+    path.with_name('recording.yaml').write_text(beside)
+    if cells is None:
+        assert 'A stretch is A..B' in run('show', path).sentence
+    else:
+        assert len(read_recording(path)) == cells
+
+
 #: A header, and how many of its units are a unit of this package: of stamps, forces and torques.
 UNITS = {
     'pounds': ('Time (seconds),Fz (lb),Tx (lbf-in),Temp (C)', 1, 1 / 4.4482216, 8.8507458),
