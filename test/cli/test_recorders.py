@@ -1,8 +1,11 @@
 """Tables in the forms of real recorders: what ``show`` prints leads to the right channels."""
 
+import bz2
 from datetime import datetime, timedelta, timezone
+import gzip
 from itertools import pairwise
 import json
+import lzma
 import os
 from pathlib import Path
 import re
@@ -199,16 +202,23 @@ def test_numbers_of_columns_go_on_through_joined_tables(run, tmp_path):
     np.testing.assert_allclose(recording.temperature_c[::10, 0], channels['temperature_c'], 1e-4)
 
 
-@pytest.mark.parametrize('block', [1234, table.BLOCK])
-def test_where_a_clock_begins_anew_a_file_is_cut_as_is_said(block, run, tmp_path, monkeypatch):
+@pytest.mark.parametrize(('name', 'pack', 'block'), [
+    ('days.csv', bytes, 1234), ('days.csv', bytes, table.BLOCK),
+    ('days.gz', gzip.compress, table.BLOCK), ('days.bz2', bz2.compress, table.BLOCK),
+    ('days.xz', lzma.compress, table.BLOCK),
+])  # fmt: skip
+def test_where_a_clock_begins_anew_a_file_is_cut_as_is_said(  # noqa: PLR0913, PLR0917
+    name, pack, block, run, tmp_path, monkeypatch
+):
     monkeypatch.setattr(table, 'BLOCK', block)
     monkeypatch.chdir(tmp_path)
     form = {**FORMS['dewesoft'], 'head': 'Time (s);Fx (N);Fy (N);Fz (N);T int (°C)'}
     days = [write(form, tmp_path, seed).read_text('utf-8') for seed in (0, 1, 2)]
-    Path('days.csv').write_text(''.join(days), encoding='utf-8')
-    for name in ('days.csv', 'days_part_2.csv'):
-        follow(run('show', name).sentence)
-        assert Path('days.csv').read_text('utf-8') == ''.join(days)
+    content = pack(''.join(days).encode())
+    Path(name).write_bytes(content)
+    for path in (name, 'days_part_2.csv'):
+        follow(run('show', path).sentence)
+        assert Path(name).read_bytes() == content
     parts = 'days_part_1.csv', 'days_part_2_part_1.csv', 'days_part_2_part_2.csv'
     for part, text in zip(parts, days, strict=True):
         Path('alone.csv').write_text(text, encoding='utf-8')
@@ -216,7 +226,7 @@ def test_where_a_clock_begins_anew_a_file_is_cut_as_is_said(block, run, tmp_path
         assert shown[0]['channels'] == shown[1]['channels']
     Path(parts[0]).write_text('mine')
     with pytest.raises(subprocess.CalledProcessError):
-        follow(run('show', 'days.csv').sentence)
+        follow(run('show', name).sentence)
     assert Path(parts[0]).read_text() == 'mine'
 
 

@@ -48,6 +48,8 @@ _SHOWN_ROWS, _SHOWN_LATER, _GOLDEN = 3000, 100, 0.6180339887
 _SURE_ROWS = 10
 #: A row may come later than those of the next day by this, ns.
 _LATEST_NS = 60 * NANOSECONDS
+#: By the ending of a packed file: what prints it.
+_CAT = {'.gz': 'zcat', '.bz2': 'bzcat', '.xz': 'xzcat'}
 _PACKED = (b'\x1f\x8b', gzip), (b'BZh', bz2), (b'\xfd7zXZ', lzma)
 #: What a cell that cannot be converted raises.
 _BAD = ValueError, ArithmeticError, TypeError, AttributeError
@@ -157,7 +159,8 @@ class Table:
     def rows(self, placed: Placed, progress: Progress | None = None) -> Iterator[Rows]:
         """Read the columns that are used; RecordingError where a row is bad or out of order."""
         convert, n = _RowConverter(placed), _SURE_ROWS
-        path, above = shlex.quote(str(self.path)), self.header.lines_above
+        cat, above = _CAT.get(self.path.suffix.lower(), 'cat'), self.header.lines_above
+        told = f'{cat} {shlex.quote(str(self.path))}'
         made = (f'{self.path.stem}_{what}.csv' for what in ('part_1', 'part_2', 'oldest_first'))
         one, two, turned = map(shlex.quote, made)  # in the working directory
         stamps_ns: IntArray = np.empty(0, np.int64)
@@ -183,8 +186,8 @@ class Table:
             runs_back = len(rows.lines) > n and rows.stamps_ns[-1] < rows.stamps_ns[0]
             if not len(stamps_ns) and runs_back and (np.diff(rows.stamps_ns) <= 0).all():
                 raise RecordingError(
-                    f'{self.name} has its newest row first. Turn it round by "(set -C; (head -n '
-                    f'{above} {path}; tail -n +{above + 1} {path} | tac) > {turned})".'
+                    f'{self.name} has its newest row first. Turn it round by "(set -C; ({told} | '
+                    f'head -n {above}; {told} | tail -n +{above + 1} | tac) > {turned})".'
                 )
             stamps_ns = np.concatenate([stamps_ns[-2 * n :], rows.stamps_ns])
             lines = np.concatenate([lines[-2 * n :], rows.lines])
@@ -196,10 +199,10 @@ class Table:
                     channels = [c.entry(self.header.columns_before) for c in placed.channels]
                     raise RecordingError(
                         f'The clock of {self.name} begins anew in line {lines[k]}: another '
-                        f'recording begins there. Cut it by "(set -C; head -n {lines[k] - 1} '
-                        f'{path} > {one} && (head -n {above} {path}; tail -n +{lines[k]} {path}) '
-                        f'> {two})". If it is the same recording, whose clock was set or ran '
-                        "over, and rows come at a fixed rate, count them instead: --columns '"
+                        f'recording begins there. Cut it by "(set -C; {told} | head -n '
+                        f'{lines[k] - 1} > {one} && ({told} | head -n {above}; {told} | tail -n '
+                        f'+{lines[k]}) > {two})". If it is the same recording, whose clock was '
+                        "set or ran over, and rows come at a fixed rate, count them: --columns '"
                         f"{','.join([f'stamp=#*{step_s:g}', *channels])}' --time s."
                     )
             yield rows
