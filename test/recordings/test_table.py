@@ -154,9 +154,11 @@ def test_a_table_is_the_same_whatever_it_is_written_with(make_csv, sign, form, e
     assert samples['temperature_c'][1] == [row[2] for row in ROWS]
 
 
-def test_a_parquet_file_holds_the_same(make_csv, monkeypatch):
+@pytest.mark.parametrize('index', [[], ['t'], ['t', 'Fz']])
+def test_a_parquet_file_holds_the_same(make_csv, monkeypatch, index):
     """Its library is not among those of the tests; what pandas gives of it is."""
     frame = pandas.DataFrame(ROWS, columns=['t', 'Fz', 'T'])
+    frame = frame.set_index(index) if index else frame
     monkeypatch.setattr(pandas, 'read_parquet', lambda *_: frame)
     path = make_csv(b'PAR1', 'log.parquet')
     assert all_samples(path, SAID)[0]['force_z'][1] == [row[1] for row in ROWS]

@@ -401,6 +401,8 @@ def _by_library(path: Path, library: str) -> Iterator[str]:
             frame = max(sheets.values(), key=len)
         else:
             frame = pandas.read_parquet(path, library)
+            if any(frame.index.names):  # most often the time
+                frame = frame.reset_index()
         for k in range(0, len(frame), _BATCH_ROWS):
             header = k == 0 and library != 'openpyxl'
             yield frame[k : k + _BATCH_ROWS].to_csv(header=header, index=False)
