@@ -28,7 +28,7 @@ from wrist_ft_comp.ros.diagnostics import ERROR, NodeLog, Status
 from wrist_ft_comp.ros.parameters import Parameter, Parameters
 from wrist_ft_comp.ros.rclpy_internals import keep_from_executors, return_to_node
 from wrist_ft_comp.ros.services import DeferredService, Reply, Service, Work
-from wrist_ft_comp.ros.topics import negotiated, NEWEST, opening, OUTPUT
+from wrist_ft_comp.ros.topics import agreed_on, negotiated, NEWEST, opening, OUTPUT
 
 #: Diagnostics are published once in this time, s.
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -118,6 +118,8 @@ class Hub(Node):
         self.log = NodeLog(cast('Any', self).get_logger())
         #: What two nodes do not agree on, by relative name of the topic.
         self.incompatible: dict[str, str] = {}
+        #: On which of these they agreed at the last look.
+        self._agreed: set[str] = set()
         #: By name of a service, its last answer, and whether it was a refusal.
         self.answers: dict[str, tuple[str, bool]] = {}
         #: Subscriptions that no executor serves; they end with the node.
@@ -320,6 +322,13 @@ class Hub(Node):
     def _diagnose(self) -> None:
         """Publish diagnostics (REP-107), and log what is new in those of parts that want it."""
         statuses, logged = list[Status](), list[Status]()
+        # Forgotten at the second look: the graph may learn of the other side after the event.
+        agreed = {
+            topic for topic in self.incompatible if agreed_on(self, self.resolve_topic_name(topic))
+        }
+        for topic in agreed & self._agreed:
+            del self.incompatible[topic]
+        self._agreed = agreed
         for part in self.parts:
             found = self.do(part, lambda part=part: list(part.statuses())) or []
             if part.stopped:

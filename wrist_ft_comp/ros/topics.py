@@ -87,6 +87,16 @@ def negotiated(hub: Any, callbacks: Any, topic: str) -> dict[str, Any]:
     }
 
 
+def agreed_on(node: Node, topic: str) -> bool:
+    """Tell whether all subscribers of a topic, by its full name, hear all its publishers."""
+    subscribers = node.get_subscriptions_info_by_topic(topic)
+    return all(
+        qos.qos_check_compatible(one.qos_profile, other.qos_profile)[0] == qos.QoSCompatibility.OK
+        for one in node.get_publishers_info_by_topic(topic)
+        for other in subscribers
+    )
+
+
 def types_on(node: Node, topic: str) -> list[str]:
     """List the types that the publishers of a topic, by its full name, have."""
     return sorted({end.topic_type for end in node.get_publishers_info_by_topic(topic)})

@@ -433,9 +433,13 @@ class TestQualityOfService:
         status = node.diagnosis('temperature', f'thermometer 1 has not reported: {words}')
         assert status.level == WARN
 
-    def test_a_subscriber_of_other_quality_is_a_warning(self, wired, warns):
+    def test_a_subscriber_of_other_quality_is_a_warning_until_it_leaves(self, wired, warns):
         node = wired()
         wants = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        before = set(node.bench.helper.subscriptions)
         node.bench.listen(WrenchStamped, node.topic('wrench'), wants)
         words = 'a subscriber of wrench asks for more durability than is offered and gets nothing'
         warns(node, 'output', words)
+        (other,) = set(node.bench.helper.subscriptions) - before
+        node.bench.helper.destroy_subscription(other)
+        node.diagnosis('output', lambda status: words not in status.message)
