@@ -102,7 +102,7 @@ class WrenchInput(Part):
         #: Number and stamp of the wrench that was looked at last, ns.
         self._looked_at, self._stamp_ns = 0, 0
         #: When a wrench was sound last, s, and whether zeros, or no numbers, came since.
-        self._sound_s, self._unsound = 0.0, False
+        self._sound_s, self._unsound = time.monotonic(), False
         #: The first frame_id, and those of the last two seconds.
         self._frame, self._frames = '', RecentFrames(WRENCH_DOUBLES)
         #: Standard deviation of the model, N and N m, (6,), NaN where there is none.

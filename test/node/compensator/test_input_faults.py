@@ -136,10 +136,10 @@ class Watched:
 
     def __init__(self, fake_hub, monkeypatch):
         self.counts, self.stream, self.now_s = Counts(), Compensator(1), 0.0
-        self.part = WrenchInput(self.counts, self.stream)
-        self.hub = fake_hub(self.part)
         clock = SimpleNamespace(monotonic=lambda: self.now_s)
         monkeypatch.setattr(raw_wrench, 'time', clock)
+        self.part = WrenchInput(self.counts, self.stream)
+        self.hub = fake_hub(self.part)
 
     def send(self, stamp, wrench, arrival=0):
         """Let a wrench come, of the time of its arrival where it has no stamp."""
@@ -242,6 +242,18 @@ def test_a_sensor_that_sent_nothing_sound_may_have_begun_anew(
     said = (said or lasts_s > 1) if np.isnan(sent).all() else said and np.size(sent) == 1
     found = [f'came for {lasts_s:.0f} s: if the' in why for why in watched.stream.zero_doubts]
     assert found == [True] * said
+
+
+def test_a_first_wrench_without_numbers_after_a_restart_is_no_silence_of_hours(watched):
+    watched.now_s = 9000.0
+    part = WrenchInput(watched.counts, watched.stream)
+    part.hub = watched.hub
+    watched.stream.set_tare(RAW, START)
+    assert not part.admits([math.nan] * 6)
+    watched.now_s += 0.1
+    watched.send(START, RAW)
+    part.poll()
+    assert not watched.stream.zero_doubts
 
 
 @pytest.mark.parametrize(('doubts', 'jumped_k'), [([], 0.0), (['call ~/tare'], 0.0), ([], 8.0)])
