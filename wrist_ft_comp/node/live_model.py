@@ -29,9 +29,9 @@ class LiveModel(Part):
     """
     Owns the live model and those before it.
 
-    It starts with the newest decision. A model_file with other content than at the last start is a
-    new decision of the operator, and has to be usable. Otherwise the model goes on that a
-    calibration or a rollback has made live since that start.
+    It starts with the newest decision. A model_file with other content than at the last start that
+    gave one is a new decision of the operator, and has to be usable. Otherwise the model goes on
+    that a calibration or a rollback has made live since that start.
     """
 
     store: NodeFolder
@@ -61,9 +61,10 @@ class LiveModel(Part):
         Parameter(
             'model_file', '',
             'Model to run, relative to data_directory or to the working directory; empty takes '
-            'the one that was live last. If name and content are those of the last start, a model '
-            'that went live after it (by a calibration, adoption or rollback) stays live. Set at '
-            'run time, it must lie inside data_directory.'),
+            'the one that was live last. If its content, whatever its name, is that of the last '
+            'start with a model_file, a model that went live after that (by a calibration, '
+            'adoption or rollback) stays live. Set at run time, it must lie inside '
+            'data_directory, or have been live before.'),
     )  # fmt: skip
 
     def start(self) -> None:
@@ -93,9 +94,9 @@ class LiveModel(Part):
             elif self.sha256 != given.sha256:
                 now = 'no model' if self.stored is None else self.stored.path
                 log.warning(
-                    f'model_file is {given.path} as at the last start. After that {now} was made '
-                    'live, and goes on. Call ~/rollback, or set model_file while running, to go '
-                    'back.'
+                    f'model_file is {given.path} with the content of the last start with one. '
+                    f'After that {now} was made live, and goes on. Call ~/rollback, or set '
+                    'model_file while running, to go back.'
                 )
         if self.stored is not None:
             if self.stored.sha256 != self.history[-1].sha256:
@@ -206,7 +207,8 @@ class LiveModel(Part):
     def check_parameters(self, parameters: Sequence[Any]) -> None:
         """Refuse files outside data_directory and unusable models; changes nothing that runs."""
         for value in (given.value for given in parameters if given.name == 'model_file'):
-            if value != self._named:
+            trusted = [entry.path for entry in self.history]
+            if value != self._named and self.store.locate(value) not in trusted:
                 self.store.require_inside('model_file', value)
             self._validated = self.load(self.store.locate(value)) if value else None
 
@@ -242,7 +244,10 @@ class LiveModel(Part):
         self._write_down(
             f'a person went back from {names[0]} to {names[1]} with ~/rollback', 'back'
         )
-        now = f'no model was live before: wrenches pass uncompensated until model_file={left}'
+        now = (
+            'no model was live before: wrenches pass uncompensated until model_file is set to '
+            f'{left} while running'
+        )
         if path is not None:
             now = f'compensating with {path} again'
         return (yield from self.kept(now))

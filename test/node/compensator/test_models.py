@@ -1,6 +1,8 @@
 from dataclasses import asdict
 import json
 import os
+import re
+import shutil
 
 from moments import ERROR, OK, START, WARN
 import numpy as np
@@ -129,6 +131,15 @@ def test_a_decision_after_the_last_start_goes_on(abc, make_model, capfd):
     assert 'models/a.yaml is live instead' in capfd.readouterr().err
 
 
+def test_a_model_file_of_the_same_content_is_no_new_decision(abc, tmp_path, capfd):
+    """Neither under another name, nor after a start without it."""
+    given = str(shutil.copy(tmp_path / 'data/models/a.yaml', tmp_path / 'again.yaml'))
+    choose(abc(parameters={'model_file': 'models/a.yaml'}), 'c')
+    for parameters in ({'model_file': given}, {}, {'model_file': 'models/a.yaml'}):
+        assert live(abc(parameters=parameters)) == 'c.yaml'
+    assert f'model_file is {given} with the content of the last start' in capfd.readouterr().err
+
+
 def test_a_live_model_whose_file_was_replaced_is_a_warning_until_it_is_chosen(abc, make_model):
     node = abc()
     choose(node, 'a')
@@ -169,14 +180,25 @@ class TestModelFile:
         assert live(node) == 'live.yaml'
         assert node.node.get_parameter('model_file').value == 'models/live.yaml'
 
-    def test_the_model_file_of_the_start_may_be_set_again_wherever_it_lies(
-        self, rig, make_model, tmp_path
+    @pytest.mark.parametrize('is_restarted', [False, True])
+    def test_a_model_that_was_live_may_be_set_again_wherever_it_lies(
+        self, rig, make_model, tmp_path, monkeypatch, is_restarted
     ):
-        elsewhere = make_model(tmp_path / 'elsewhere.yaml')
+        """As ~/rollback says where no model was live before."""
+        make_model(tmp_path / 'elsewhere.yaml')
         make_model('live.yaml')
-        node = rig(parameters={'model_file': str(elsewhere.path)})
-        for name in ('models/live.yaml', str(elsewhere.path)):
-            assert node.set('model_file', name).successful
+        monkeypatch.chdir(tmp_path)
+        node = rig()
+        assert node.set('model_file', 'models/live.yaml').successful
+        assert node.call('rollback').success
+        node = rig(parameters={'model_file': 'elsewhere.yaml'})
+        assert node.set('model_file', 'models/live.yaml').successful
+        assert node.set('model_file', 'elsewhere.yaml').successful
+        node = rig() if is_restarted else node
+        for _ in range(3):
+            answer = node.call('rollback').message
+        named = re.search('until model_file is set to (.*) while running', answer)[1]
+        assert node.set('model_file', named).successful
         assert live(node) == 'elsewhere.yaml'
 
     def test_a_model_file_that_cannot_be_used_is_refused_at_run_time(self, rig, make_model):
