@@ -152,11 +152,13 @@ def _converted_scalar(row: Parameter, value: Any) -> Any:
     default: Any = row.default
     if row.is_array:
         default = f"'[{', '.join(map(str, default))}]'"
+    is_text = row.element_type is str and not (row.choices or row.is_array)
+    form = """'"VALUE"'""" if is_text else 'VALUE'  # without quotes, digits are a number
     raise SettingsError(
         f'Parameter {row.name} must be '
         f'{"an array of which every element is " if row.is_array else ""}{row.allowed}; '
         f'got {value!r}. Its default is {str(default) or "empty"}; '
-        f'set it at start-up with -p {row.name}:=VALUE'
+        f'set it at start-up with -p {row.name}:={form}'
         f'{"" if row.read_only else ", or while running with ros2 param set"}.'
     )
 

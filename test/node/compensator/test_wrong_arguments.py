@@ -41,6 +41,7 @@ def refusal(context, tmp_path, *arguments):
         ('use_sim_time:=5', "expecting type 'BOOL'"),
         ('max_drift:=[]', 'got None'),
         ('learning.mode:=on', 'one of off, propose, auto'),
+        ('hardware_id:=1234', """set it at start-up with -p hardware_id:='"VALUE"'."""),
         ('qos_overrides./wrench.publisher.reliability:=bestest', 'bestest'),
         ('payload.active:=day-1', 'gravity.source is none, so nobody knows where down is'),
     ],
