@@ -113,6 +113,19 @@ def test_thermal_cells_that_are_shorter_than_a_row_give_their_mean():
     assert [row[12] for _, row in averager.rows()] == [21.0, 21.0]
 
 
+def test_wrenches_that_came_after_the_first_temperature_are_kept_until_it_is_averaged():
+    """Thermal cells of a model of 10 s are complete when the next one begins."""
+    averager, rows = thermal_cells.CellAverager(SECOND, 1), []
+    for second in range(108, 160):
+        averager.add(thermal_cells.RAW, second * SECOND, [float(second)] * 6)
+        if second % 10 == 0:
+            middle = thermal_cells.ThermalCell(second - 5, np.array([20.0]), np.array([True]))
+            averager.add_cells([middle])
+        rows += averager.rows()
+    rows += averager.rows(final=True)
+    assert [row[1] for row in cells(rows) if not math.isnan(row[1])] == list(range(108, 146))
+
+
 def as_read(rows):
     """The recording that a reader makes of one axis, its reference and the temperature."""
     stamps = np.array([stamp for stamp, _ in rows])

@@ -183,6 +183,8 @@ class CellAverager:
         self._cells: dict[int, tuple[list[float], list[int]]] = {}
         #: Newest cell by first column, to which more may come; of temperatures, the one after it.
         self._latest: dict[int, int] = {}
+        #: Whether a temperature has come: the first may be of before the first wrench.
+        self._is_warm = False
         #: Cells before it have their row; their samples come too late, unless time ran back.
         self._begin = -inf
 
@@ -209,7 +211,9 @@ class CellAverager:
         """Take cells whose temperatures are complete; held values are not written as measured."""
         for cell in completed:
             end = cell.number + 1
-            if end < self._latest.get(TEMPERATURE, end):  # time ran back: what waits is of before
+            ran_back = self._is_warm and end < self._latest[TEMPERATURE]
+            self._is_warm = True
+            if ran_back:  # what waits is of before
                 self._cells = {at: sums for at, sums in self._cells.items() if at < self._begin}
                 for column, latest in self._latest.items():
                     self._latest[column] = min(latest, cell.number)
