@@ -53,8 +53,6 @@ class LiveModel(Part):
     _validated: StoredModel | None = None
     #: How often the history is yet to be written.
     _unwritten: int = 0
-    #: The model_file of the start, which is trusted wherever it lies.
-    _named: str = ''
 
     title, logged = 'model', True
     parameters = (
@@ -83,7 +81,6 @@ class LiveModel(Part):
             self.problem = f'The last model cannot be used: {error}'
             last = self.history.pop() if self.history else HistoryEntry(None)
             self.history.append(replace(last, path=None, sha256=''))
-        self._named = model_file
         unusable, self._given = self.problem, store.given()
         if given is not None:
             if given.sha256 != self._given or not self.history or self.problem:
@@ -207,8 +204,8 @@ class LiveModel(Part):
     def check_parameters(self, parameters: Sequence[Any]) -> None:
         """Refuse files outside data_directory and unusable models; changes nothing that runs."""
         for value in (given.value for given in parameters if given.name == 'model_file'):
-            trusted = [entry.path for entry in self.history]
-            if value != self._named and self.store.locate(value) not in trusted:
+            # One that was live before was named at a start.
+            if self.store.locate(value) not in [entry.path for entry in self.history]:
                 self.store.require_inside('model_file', value)
             self._validated = self.load(self.store.locate(value)) if value else None
 
