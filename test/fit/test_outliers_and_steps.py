@@ -64,6 +64,16 @@ def test_a_step_is_named_with_time_of_day_size_and_axis(day, size, gap_s, period
     assert np.abs(np.median(error[at + 30 :])) < near
 
 
+@pytest.mark.parametrize('pauses', [[(2005, 2045)], [(1955, 1995)], [(1970, 2003), (2006, 2040)]])
+def test_a_step_beside_pauses_is_taken_out_once(day, pauses):
+    made, plain = day(add=stepped((2000, 5.0))), day()
+    for begin, end in pauses:
+        made.wrench[begin:end] = np.nan
+    ((found,), _) = segment([made], 'unloaded')
+    error = found.wrench[:, 2] - plain.wrench[:, 2]
+    assert abs(np.nanmedian(error[2100:])) < 0.2
+
+
 def test_a_calibration_and_an_evaluation_go_on_after_steps(day):
     plain = calibrate([day(1), day(2)])
     days = [day(1, stepped((900, 8.0), (2500, -3.0))), day(2)]

@@ -137,7 +137,8 @@ def _steps_in_gaps(
     """
     Find steps across gaps, as of a driver that was started again and has another zero.
 
-    In the gap, drift moves at up to twice the speed that it has in the two minutes beside.
+    In the gap, drift moves at up to twice the speed that it has in the two minutes beside. What is
+    found is taken out of ``raw``, or the next gap would find it again.
     """
     steps, beside = list[Step](), max(round(BESIDE_S / recording.period_s), _LEVEL_SAMPLES)
     for begin in begins:
@@ -151,6 +152,7 @@ def _steps_in_gaps(
         drift = 2 * gap * np.fmax(np.abs(slope), np.abs(slope_after))
         if (np.abs(level_after - level) > drift + least).any():
             steps.append(Step(begin, level_after - level))
+            raw[begin:] -= level_after - level
     return steps
 
 
@@ -180,6 +182,8 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
             for step in find_steps(*part, noise, recording.period_s)
             if step.certain and (abs(step.jump) > smallest).any()
         ]
+    for step in steps:
+        raw[step.cell :] -= step.jump
     steps += _steps_in_gaps(raw, at, begins[1:-1], smallest + SMALLEST_SIGMA * noise, recording)
     steps.sort(key=lambda step: step.cell)
     if not steps:
