@@ -150,7 +150,7 @@ def calibration_content(
         held_out = held[axis]
         # Drift goes further in a day than in a block: what is stated over what was held out.
         measured = float(rms_by_fold(held_out).after.mean())
-        whole = not held_out.tared or held_out.recording.any()
+        whole = not held_out.tared or len(np.unique(held_out.recording)) > 1
         widening = 1.0 if whole or measured == 0 else fit.rms_after / measured
         series = _series(recordings, held_out)
         before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
@@ -198,13 +198,16 @@ def evaluation_content(
     number = np.repeat(np.arange(len(evaluated)), [len(e.errors.after) for e in evaluated])
     over = averaged_cells(recordings[0].period_s)
     cell = np.concatenate([mean_over(np.arange(len(r), dtype=float), over) for r in recordings])
-    moved_k = max(np.ptp(mean_over(r.temperature_c, over), axis=0).max() for r in recordings)
+    means_c = np.concatenate([mean_over(r.temperature_c, over) for r in recordings])
     both = np.concatenate([np.stack(judged.errors, axis=2) for judged in evaluated])
     axes: list[AxisView] = []
     for axis, errors in judge_errors([judged.errors for judged in evaluated]).items():
         unit, limit = axis_unit(axis), stored.model.day_limits.get(axis, np.nan)
         left = both[:, AXES.index(axis)]
         rows = np.isfinite(left).all(axis=1)
+        # Thermometers that moved while the axis was not read judge nothing.
+        read_c = [means_c[rows & (number == n)] for n in np.unique(number[rows])]
+        moved_k = max(np.ptp(of_one, axis=0).max() for of_one in read_c)
         # Recordings that the model has not seen are folds that were held out.
         held_out = HeldOut(number[rows], number[rows], cell[rows], left[rows], period_s, True)
         series, by_fold = _series(recordings, held_out), rms_by_fold(held_out)

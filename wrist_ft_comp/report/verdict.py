@@ -9,7 +9,7 @@ Is an axis' compensation good? One table of thresholds, one sentence with the nu
 | | trend; or no limit of another day's errors can be promised; or an error is above that limit |
 | harmful | more is left than without, and than the noise; here as of a part, 5 % may be chance |
 | uncalibrated | no compensation: nothing that was tried was better, or there is no drift |
-| unjudged | no thermometer moved by 0.5 K within a recording, so that nothing can be judged |
+| unjudged | no thermometer moved by 0.5 K within a recording while the axis was read |
 """
 
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ class Evidence:
     #: How many times as much is stated with compensation as was measured: drift goes further in a
     #: day than in a block, and noise does not.
     widening: float = 1.0
-    #: How far a thermometer moved within a recording, at most, K.
+    #: How far a thermometer moved within a recording while the axis was read, at most, K.
     moved_k: float = math.inf
     #: The errors part by part: held-out blocks of a calibration, recordings of an evaluation.
     parts: FoldErrors | None = None
