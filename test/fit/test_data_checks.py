@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
+from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.data_checks import drop_stuck_cells, jumping_thermometers
+from wrist_ft_comp.fit.data_checks import (
+    drop_stuck_cells,
+    drop_unknown_temperatures,
+    jumping_thermometers,
+)
 
 CELLS = 1000
 
@@ -51,3 +56,16 @@ def test_a_thermometer_that_jumps_is_named(record):
     assert 'Thermometer 1 of a.csv jumps faster than metal can: by 60' in sentence
     recording.measured[200:300] = recording.measured[301:700] = False
     assert jumping_thermometers([recording]) == []
+
+
+def test_a_thermometer_that_was_frozen_all_day_is_known_by_its_other_days(make_recording, warm_up):
+    def day(name, *temperatures_c):
+        noise = np.random.default_rng(len(name)).standard_normal(CELLS)
+        return make_recording(np.stack(temperatures_c, axis=1), {'force_x': noise}, name=name)
+
+    still = np.full(CELLS, 21.5)
+    sound = day('sound', warm_up(CELLS, 1), warm_up(CELLS, 2))
+    with pytest.raises(CalibrationRefusedError, match='Thermometer 2 of odd keeps one value for'):
+        calibrate([sound, day('odd', warm_up(CELLS, 3), still)])
+    # A coarse one keeps a value while nothing moves.
+    assert drop_unknown_temperatures([sound, day('rest', still, still)])[1] == []

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit
-from wrist_ft_comp.drift.drift_model import order_problem
+from wrist_ft_comp.drift.drift_model import LEAST_RANGE_K, order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import find_plateaus, MIN_SAMPLES
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, time_in
@@ -197,10 +197,14 @@ def drop_unknown_temperatures(
     CalibrationRefusedError where that is most of a recording.
     """
     sound, sentences = list[Recording](), list[str]()
-    for recording in recordings:
+    reported_c = [np.where(one.measured, one.temperature_c, np.nan).T for one in recordings]
+    for recording, own_c in zip(recordings, reported_c, strict=True):
         wrench = recording.wrench.copy()
+        # A coarse thermometer may keep a value by itself for as long as none moves.
+        others_moved = np.ptp(recording.temperature_c, axis=0).max() > LEAST_RANGE_K
+        asked_c = reported_c if others_moved else [own_c]
         for j, measured in enumerate(recording.measured.T):
-            (frozen,) = _find_stuck([np.where(measured, recording.temperature_c[:, j], np.nan)])
+            frozen, *_ = _find_stuck([own_c[j], *(of_one[j] for of_one in asked_c)])
             runs, what = _unknown(recording, j, ~measured | frozen)
             for first, last in runs:
                 wrench[first:last] = np.nan
