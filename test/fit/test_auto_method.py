@@ -56,6 +56,16 @@ class TestWhatIsFound:
         assert 0.7 * kept[2] < single.expected_rms < 1.1 * kept[2]
         assert single.expected_rms > 1.1 * single.rms_after
 
+    def test_an_idle_hour_beside_warm_ups_leaves_no_axis_alone(self, make_axis_data, warm_up):
+        rng = np.random.default_rng(0)
+        temperatures = [warm_up(CELLS, 1), warm_up(CELLS, 2), 20 + rng.normal(0, 0.2, CELLS)]
+        drifts = [0.4 * temperatures[0], 0.4 * temperatures[1], np.zeros(CELLS)]
+        raws = [drift + rng.normal(0, 0.02, CELLS) for drift in drifts]
+        single = ridges.identify_auto(make_axis_data(temperatures, raws), LINE)
+        before, after = rms_by_fold(single.held_out)
+        assert after[2] > ridges.HARMFUL_FOLD * before[2]  # it follows the thermometer's noise
+        assert after.max() < 0.1 * before.max()
+
     def test_a_single_lag_is_found_by_fits_with_memory(self, pose):
         single = ridges.identify_auto(pose(0.5, days=3), IdentificationSettings())
         assert single.chosen == ridges.COMBINATION

@@ -56,6 +56,9 @@ _WORTH_RUNNING = 0.02
 #: without this rule, with it none more than 1.1 times. Thirds of a single recording say less:
 #: there an average that left 3 times more of one of them left 0.11 of another day.
 HARMFUL_FOLD = 1.25
+#: Of a recording that hardly drifts, as of an idle hour, this share of the mean drift may be left,
+#: however many times its own that is.
+_LITTLE = 0.1
 #: What a body forgets that did not start at rest is set aside before fits are compared, as far as
 #: its variance is below this many times that of the mean of all errors. Without a limit 1.1 times
 #: as much drift was left where a single day was learnt from.
@@ -179,7 +182,8 @@ def weigh(left: HeldOut, compared: Sequence[FloatArray]) -> FloatArray:
     # An average runs where it leaves less of the folds than no compensation.
     before, after = rms_by_fold(left.averaged(weights))
     several = len(np.unique(left.recording)) > 1
-    harmful = several and (after > HARMFUL_FOLD * before).any()
+    little = _LITTLE * before.mean()
+    harmful = several and (after > np.maximum(HARMFUL_FOLD * before, little)).any()
     if after.mean() < (1 - _WORTH_RUNNING) * before.mean() and not harmful:
         return weights
     return np.asarray(np.eye(len(weights))[0])
