@@ -48,11 +48,18 @@ class Topics:
         """Where specific force comes from: imu, tf, or an empty string."""
         return 'imu' if self.imu else 'tf' if self.gravity_frame else ''
 
-    @property
-    def column_options(self) -> list[str]:
-        """The options that say what the columns of a table mean."""
-        time = ['--time', self.time] if self.time else []
-        return ['--columns', self.columns, *time] if self.columns else []
+    def options(self, reference: str) -> list[str]:
+        """Give the options that say what a table's columns are, and where the true load is."""
+        words = ['--columns', self.columns] if self.columns else []
+        if self.columns and self.time:
+            words += ['--time', self.time]
+        if reference == 'recorded' and self.reference != Topics.reference:
+            words += ['--reference-topic', self.reference]
+        if reference == 'payload' and self.imu:
+            words += ['--imu-topic', self.imu]
+        if reference == 'payload' and self.gravity_frame:
+            words += ['--gravity-frame', self.gravity_frame]
+        return words
 
     def __post_init__(self) -> None:
         """Refuse one name in the place of several: its letters would be topics."""

@@ -33,7 +33,9 @@ def test_a_tare_is_no_longer_than_its_recording(run, done, make, model, tmp_path
 def test_a_model_of_gain_drift_is_learnt_and_judged_with_its_reference(done, make, tmp_path):
     days = [make.csv(tmp_path / f'{seed}.csv', make.loaded(seed=seed)) for seed in (1, 2)]
     model, plain = tmp_path / 'model.yaml', make.csv(tmp_path / 'plain.csv', make.drifting())
-    done('calibrate', days[0], '-o', model, '--reference', 'recorded')
+    given = '--reference', 'recorded', '--reference-topic', '/cell'
+    *_, advice = json.loads(done('calibrate', days[0], '-o', model, *given, '--json'))['advice']
+    assert advice.endswith('ANOTHER_DAY --reference-topic /cell')
     assert 'gain' in done('show', model)
     for path, reference in ((plain, 'unloaded'), (days[1], 'recorded')):
         argv = 'evaluate', model, path, '--json'

@@ -52,7 +52,9 @@ def test_payloads_are_printed_and_kept_beside_the_model(days, done, learnt):
     assert 'mm' in text
     assert 'roll, pitch, yaw of 0.0, 0.0, 90.0' in text
     other = '-o', path.with_name('other.yaml'), '--imu-topic', 'imu', '--json'
-    (printed,) = json.loads(done(*argv, *other))['payloads']
+    said = json.loads(done(*argv, *other))
+    assert said['advice'][-1].endswith('ANOTHER_DAY --imu-topic imu')
+    (printed,) = said['payloads']
     assert printed['name'] == 'other-1'
     assert printed['mass_error_kg'] > 0
     kept = load_payloads(path.with_name('payloads.json'))

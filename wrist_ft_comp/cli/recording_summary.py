@@ -185,22 +185,16 @@ def commands(summary: RecordingSummary, path: Path) -> list[str]:
     referred = any(c.role == REFERENCE and c.samples for c in summary.channels)
     referred &= not summary.is_unloaded
     at_work = bool(summary.gravity_directions) and not referred
-    words = topics.column_options
-    if referred or at_work:
-        words = ['--reference', 'recorded' if referred else 'payload', *words]
+    reference = 'recorded' if referred else 'payload' if at_work else ''
+    words = ['--reference', reference] if reference else []
     if topics.wrench.strip('/') != usual.wrench.strip('/'):
         words += ['--wrench-topic', topics.wrench]
     if topics.temperatures != usual.temperatures:
         for entry in topics.temperatures:
             words += ['--temperature-topic', entry]
-    if referred and topics.reference != usual.reference:
-        words += ['--reference-topic', topics.reference]
+    words += topics.options(reference)
     if not at_work:
         topics = replace(topics, imu='', gravity_frame='')
-    if topics.imu:
-        words += ['--imu-topic', topics.imu]
-    elif topics.gravity_frame:
-        words += ['--gravity-frame', topics.gravity_frame]
     # Two recordings in one folder have two models, and none is the map of their columns.
     first = path.name.partition('+')[0]
     name = re.sub(r'(\.[a-z]\w*)+$', '', first, flags=re.IGNORECASE)

@@ -46,7 +46,7 @@ def run_job(
     found = calibrate(recordings, job.settings, lambda done: progress(0.5 + 0.5 * done))
     found = replace(found, warnings=(*left_out, *found.warnings))
     calibration, stored = save(job, found, paths)
-    options = job.topics.column_options
+    options = job.topics.options(job.settings.reference)
     return calibration, calibration_content(calibration, recordings, stored, options)
 
 
