@@ -13,7 +13,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.recording import Recording, Reference
-from wrist_ft_comp.series import FloatArray, IntArray, noise_level, stretches
+from wrist_ft_comp.series import differ, FloatArray, IntArray, noise_level, stretches
 
 #: Candidates are fitted to sums over bins of this length, and errors are judged and stated as
 #: means over it: drift hardly changes within it, s.
@@ -191,6 +191,7 @@ def build_features(
         present = np.isfinite(np.concatenate(residual)) if residual else slice(None)
         for column in everything[present].T:
             plateaus = np.unique(column)
+            plateaus = plateaus[np.append(True, differ(plateaus[1:], plateaus[:-1]))]
             if len(plateaus) == 1:
                 plateaus = plateaus[0] + np.array([0.0, 1.0])  # a constant needs a hat, too
             elif len(plateaus) > MOST_PLATEAUS:
