@@ -19,7 +19,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import clock_time, Samples, Topics
 from wrist_ft_comp.recordings.column_map import Column, parse_map
-from wrist_ft_comp.series import CLOCK_NS, NANOSECONDS
+from wrist_ft_comp.series import BoolArray, CLOCK_NS, FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.safe_file import beginning
 from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.units import TIME_UNITS_NS
@@ -39,6 +39,10 @@ class Excerpt:
     #: Beginning and end of stretches whose wrenches are left out; temperatures go on.
     excluded_s: tuple[tuple[float, float], ...] = ()
 
+    def has(self, since_s: FloatArray) -> BoolArray:
+        """Mark times since the first stamp, s, (n,), from ``--from`` to ``--until``."""
+        return (since_s >= self.begin_s) & (since_s <= self.end_s)
+
     def select(
         self, blocks: Iterable[Samples], name: str, first_ns: list[int]
     ) -> Iterator[Samples]:
@@ -56,7 +60,7 @@ class Excerpt:
             begin_ns = first_ns[0] if first_ns else 0
             since_s = np.where(timed, block.stamps_ns - begin_ns, 0) / NANOSECONDS
             kind = 'wrench' if block.channels[0] in AXES else block.channels[0].split('_')[0]
-            counts = (since_s >= self.begin_s) & (since_s <= self.end_s)
+            counts = self.has(since_s)
             for begin_s, end_s in self.excluded_s if kind == 'wrench' else ():
                 counts &= (since_s < begin_s) | (since_s > end_s)
             lasts_s = max(lasts_s, float(since_s.max(initial=0.0)))
