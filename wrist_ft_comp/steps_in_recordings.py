@@ -21,7 +21,7 @@ _LEAST_BESIDE = 6
 #: Smallest step, in standard deviations of a reading, over all axes.
 SMALLEST_SIGMA = 15.0
 #: Time constants of sudden heat, s: by half an octave, because a tail of 6 s is not one of 5 s.
-#: Those of less than two cells are left out: means over cells do not show them.
+#: Those of less than two readings are left out: means over cells do not show them.
 _HEAT_S = np.geomspace(5.0, 160.0, 11)
 #: A step is named where it is more likely than heat by the exponential of this: with n readings,
 #: n times the logarithm of the ratio of squares that heat and step leave.
@@ -129,7 +129,8 @@ def _explain(
     if not len(firsts) or len(t) < 8:
         return None
     steps = np.asarray(np.arange(len(t))[:, None] >= firsts, dtype=float)
-    lags_s = [lag_s for lag_s in _HEAT_S if lag_s >= 2 * period_s] or [2 * period_s]
+    least_s = 2 * float(np.diff(t).min())  # readings may come more seldom than cells
+    lags_s = [lag_s for lag_s in _HEAT_S if lag_s >= least_s] or [least_s]
     last_s = t[firsts - 1] + period_s / 2
     near_heats = _heats(t, np.concatenate((last_s, last_s - 5.0, last_s - 10.0)), lags_s)
     far_s = np.arange(_HIDING_S, BESIDE_S, 10.0)

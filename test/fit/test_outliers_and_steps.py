@@ -64,6 +64,16 @@ def test_a_step_is_named_with_time_of_day_size_and_axis(day, size, gap_s, period
     assert np.abs(np.median(error[at + 30 :])) < near
 
 
+@pytest.mark.parametrize('every_s', [5, 20, 31, 60])
+@pytest.mark.parametrize('size', [0.0, 5.0])
+def test_wrenches_may_be_logged_more_slowly_than_temperatures(day, size, every_s):
+    made, plain = day(add=stepped((2000, size))), day()
+    made.wrench[np.arange(CELLS) % every_s > 0] = np.nan
+    ((found,), sentences) = segment([made], 'unloaded')
+    assert [' steps at 0:3' in sentence for sentence in sentences] == [True] * (size > 0)
+    assert abs(np.nanmedian((found.wrench - plain.wrench)[2000:, 2])) < 0.2
+
+
 @pytest.mark.parametrize('pauses', [[(2005, 2045)], [(1955, 1995)], [(1970, 2003), (2006, 2040)]])
 def test_a_step_beside_pauses_is_taken_out_once(day, pauses):
     made, plain = day(add=stepped((2000, 5.0))), day()

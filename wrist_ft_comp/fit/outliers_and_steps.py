@@ -87,11 +87,12 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
     ends are steps.
     """
     wrench, sentences, swings = recording.wrench.copy(), list[str](), list[str]()
-    least = _LEVEL_SAMPLES if recording.period_s <= BESIDE_S / 2 else 3
-    width = max(2 * round(BESIDE_S / 2 / recording.period_s) + 1, least)
     for axis in recording.axes_present:
         column = AXES.index(axis)
         at = np.flatnonzero(np.isfinite(recording.wrench[:, column]))
+        apart_s = _cells_apart(at) * recording.period_s
+        least = _LEVEL_SAMPLES if apart_s <= BESIDE_S / 2 else 3
+        width = max(2 * round(BESIDE_S / 2 / apart_s) + 1, least)
         if len(at) < width:
             continue
         raw = recording.wrench[at, column]
@@ -137,6 +138,11 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
     return replace(recording, wrench=wrench), sentences
 
 
+def _cells_apart(at: IntArray) -> float:
+    """Count how many cells readings usually are apart: temperatures may come more often."""
+    return float(np.median(np.diff(at))) if len(at) > 1 else 1.0
+
+
 def _steps_in_gaps(
     raw: FloatArray, at: IntArray, begins: Sequence[int], least: FloatArray, recording: Recording
 ) -> list[Step]:
@@ -146,7 +152,8 @@ def _steps_in_gaps(
     In the gap, drift moves at up to twice the speed that it has in the two minutes beside. What is
     found is taken out of ``raw``, or the next gap would find it again.
     """
-    steps, beside = list[Step](), max(round(BESIDE_S / recording.period_s), _LEVEL_SAMPLES)
+    steps, apart_s = list[Step](), _cells_apart(at) * recording.period_s
+    beside = max(round(BESIDE_S / apart_s), _LEVEL_SAMPLES)
     for begin in begins:
         place = int(np.searchsorted(at, begin))
         before, after = at[max(place - beside, 0) : place], at[place : place + beside]
@@ -177,7 +184,7 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
     if not columns or not counts.any():
         return recording, []
     at = np.flatnonzero(counts)
-    widest = max(BESIDE_S / 4 / recording.period_s, 1.0)
+    widest = max(BESIDE_S / 4 / recording.period_s, _cells_apart(at))
     begins = [0, *at[1:][np.diff(at) > widest].tolist(), len(raw)]
     smallest = _STEP_SHARE * (np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0))
     steps, one_load = list[Step](), np.zeros(len(raw), dtype=np.int64)
