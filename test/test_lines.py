@@ -10,10 +10,11 @@ ROOT = Path(__file__).parents[1]
 MOST = {
     # Above the goal of 21 500: 1 330 lines came for faults that left 1 to 188 N with every status
     # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
-    'wrist_ft_comp': 22_618,
-    # Up by 19 for a force that came late with every status OK.
-    'test': 18_885,
-    'bench': 5_194,
+    'wrist_ft_comp': 22_615,
+    # Above the goal of 19 000, for sixty faults that were found by reading; each test was red.
+    'test': 19_413,
+    # Up by 3: thermometers of the machine of truth lose samples.
+    'bench': 5_197,
 }
 
 

@@ -135,7 +135,7 @@ def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PL
     judged = ['a day.yaml', 'ANOTHER_DAY', '--report', 'evaluation.html']
     assert evaluate == ['wrist_ft_comp', 'evaluate', *judged, *words]
     node = node[node.index('--ros-args') :]
-    assert node[1:5] == ['-p', 'model_file:=a day.yaml', '-r', f'wrench_raw:={words[1]}']
+    assert node[1:5] == ['-p', 'model_file:="a day.yaml"', '-r', f'wrench_raw:={words[1]}']
     name, _, value = node[6].partition(':=')
     assert (name, yaml.safe_load(value)) == ('temperature_topics', [words[3], words[5]])
     monkeypatch.chdir(tmp_path)
