@@ -139,37 +139,6 @@ def test_what_stands_in_a_file_beside_is_read_as_it_is_on_the_command_line(
         assert len(read_recording(path)) == cells
 
 
-#: A header, and how many of its units are a unit of this package: of stamps, forces and torques.
-UNITS = {
-    'pounds': ('Time (seconds),Fz (lb),Tx (lbf-in),Temp (C)', 1, 1 / 4.4482216, 8.8507458),
-    'us and N cm': ('time [µs],Fz [N],Mx [N cm],T1 [°C]', 1e6, 1, 100),
-    'behind a name': ('time_ms,Fz_kN,Mx_nm,T', 1e3, 1e-3, 1),
-    'behind a slash': ('t / days,Fz / N,Mx / Nmm,T1 / °C', 1 / 86400, 1, 1e3),
-    'a product behind a slash': ('t / s,Fz / kN,Mx / N·mm,T / °C', 1, 1e-3, 1e3),
-    'a product behind a blank': ('t s,Fz mN,Mx mN⋅m,T °C', 1, 1e3, 1e3),
-    'in capitals': ('time (S),Fz (LBF),Mx (KGF-CM),Temp (DEG C)', 1, 1 / 4.4482216, 10.1971621),
-    'a row of them': ('time,Fz,Mx,Temp\nms,lbf,N m,°C', 1e3, 1 / 4.4482216, 1),
-}
-
-
-@pytest.mark.parametrize('form', UNITS)
-def test_units_are_read_by_guess_and_by_a_map_that_names_none(form, done, tmp_path):
-    header, *factors = UNITS[form]
-    t, wrench, celsius = day(1)
-    scaled = t * factors[0], wrench[:, 2] * factors[1], wrench[:, 3] * factors[2], celsius
-    path = write(tmp_path / 'log.csv', header, scaled)
-    guess = proposed(done('show', path))
-    ours, theirs = ('stamp', 'force_z', 'torque_x', 'temperature_c'), header.split('\n')[0]
-    given = ','.join(map('='.join, zip(ours, theirs.split(','), strict=True)))
-    for columns, time in (guess, (given, '')):
-        recording = read_recording(path, topics=Topics(columns=columns, time=time))
-        assert recording.duration_s == pytest.approx(ROWS, abs=2)
-        assert not recording.warnings
-        # A thousandth of a second of rounding puts a sample into the neighbouring cell.
-        means = np.nanmean(recording.wrench[:, 2:4], axis=0)
-        np.testing.assert_allclose(means, wrench[:, 2:4].mean(axis=0), rtol=1e-3)
-
-
 @pytest.mark.parametrize('form', ['Ty [%s]', 'Ty / %s', 'Ty/%s', 'Ty, %s', 'Ty %s', 'Ty_%s'])
 def test_a_product_of_units_is_understood_wherever_it_stands(form):
     for unit in ('N·mm', 'N⋅mm', 'N*mm', 'N-mm', 'N.mm', 'N mm', 'N_mm', 'Nmm'):
@@ -402,28 +371,6 @@ def test_a_date_beside_seconds_and_a_stamp_that_a_temperature_has_are_no_second_
         path = write(tmp_path / f'{header}.csv', f'Time (s),Fz (N),{header},T (C)', columns)
         assert 'another time' not in done('show', path, '--columns', (
             'stamp=1,force_z=2,temperature_c=4'))  # fmt: skip
-
-
-#: What writes the times of an hour, and what --time says of them.
-CLOCK_NUMBERS = {
-    'a clock without signs': ('{:%H%M%S}', 23.5, '%H%M%S'),
-    'a clock without zeros': ('{0.hour:d}{0:%M%S}', 8.5, '%H%M%S'),
-    'a year of two digits': ('{:%y/%m/%d %H:%M:%S}', 23.5, '%y/%m/%d %H:%M:%S'),
-}
-
-
-@pytest.mark.parametrize('form', CLOCK_NUMBERS)
-def test_a_clock_is_read_as_one(form, done, tmp_path):
-    text, begin, time = CLOCK_NUMBERS[form]
-    t, wrench, celsius = day(1)
-    start = datetime(2026, 3, 5) + timedelta(hours=begin)
-    times = [text.format(start + timedelta(seconds=s)) for s in t]
-    path = write(tmp_path / 'log.csv', 'Time,Fz (N),T (C)', (times, wrench[:, 2], celsius))
-    columns, said = proposed(done('show', path))
-    assert said == time
-    for time in (said, ''):
-        recording = read_recording(path, topics=Topics(columns=columns, time=time))
-        assert recording.duration_s == pytest.approx(ROWS, abs=2)
 
 
 def test_a_part_of_a_day_is_no_second(done, tmp_path):

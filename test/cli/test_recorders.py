@@ -60,7 +60,8 @@ def write(form, folder, seed=0):
     lines = []
     for k, values in enumerate(zip(t, *channels.values(), strict=True)):
         names = dict(zip(['t', *short], values, strict=True))
-        at = BEGIN + timedelta(seconds=names['t'] + 86_400 * seed)
+        later_s = names['t'] + 86_400 * seed + form.get('later', 0)
+        at = BEGIN + timedelta(seconds=later_s)
         names.update(k=k, c=c, at=at, epoch=at.timestamp())
         lines.append(eval(row, names))  # noqa: S307 -- our own forms
     head, tail = ([form[part].rstrip('\n')] if form.get(part) else [] for part in ('head', 'tail'))
@@ -85,7 +86,8 @@ def truth(form):
     begin = form.get('begin', 'epoch' if '{at:%' in form['row'] else 'zero')
     held = [x for word in form['holds'].split() for x in HELD.get(word, [word])]
     _, channels = hour()
-    return BEGINS_S[begin] + form.get('offset', 0), {name: channels.get(name) for name in held}
+    begin_s = BEGINS_S[begin] + form.get('offset', 0) + form.get('later', 0)
+    return begin_s, {name: channels.get(name) for name in held}
 
 
 def told(command):
@@ -119,18 +121,20 @@ def test_what_is_printed_leads_to_right_channels_units_and_times(name, run, tmp_
         assert 'in the place of …' in shown['refusal']
         topics = Topics(columns=form['open'])
     begin_s, channels = truth(form)
-    recording = read_recording(path, topics=topics)
-    assert recording.first_cell == pytest.approx(begin_s, abs=1)
-    assert recording.duration_s == pytest.approx((ROWS - 1) * STEP_S, abs=2)
-    assert set(recording.axes_present) == {*AXES} & {*channels}
-    assert recording.thermometers == len(channels.keys() - {*AXES})
-    columns = np.where(recording.measured, recording.temperature_c, np.nan).T
-    found = dict(zip(['temperature_c', 'temperature_2_c'], columns, strict=False))
-    found |= dict(zip(AXES, recording.wrench.T, strict=True))
-    for channel, values in channels.items():
-        read = found[channel][np.isfinite(found[channel])]
-        tolerance = TOLERANCES[channel.split('_')[0]]
-        np.testing.assert_allclose(read, values, atol=tolerance, err_msg=channel)
+    maps = [topics, Topics(columns=form['said'])] if 'said' in form else [topics]
+    for recording in (read_recording(path, topics=topics) for topics in maps):
+        assert 'said' not in form or not recording.warnings
+        assert recording.first_cell == pytest.approx(begin_s, abs=1)
+        assert recording.duration_s == pytest.approx((ROWS - 1) * STEP_S, abs=2)
+        assert set(recording.axes_present) == {*AXES} & {*channels}
+        assert recording.thermometers == len(channels.keys() - {*AXES})
+        columns = np.where(recording.measured, recording.temperature_c, np.nan).T
+        found = dict(zip(['temperature_c', 'temperature_2_c'], columns, strict=False))
+        found |= dict(zip(AXES, recording.wrench.T, strict=True))
+        for channel, values in channels.items():
+            read = found[channel][np.isfinite(found[channel])]
+            tolerance = TOLERANCES[channel.split('_')[0]]
+            np.testing.assert_allclose(read, values, atol=tolerance, err_msg=channel)
 
 
 def test_there_are_many_forms_of_many_recorders():
