@@ -33,6 +33,11 @@ def day(seed, bump=False):
     return t, wrench, celsius
 
 
+#: A day without a bump.
+T, WRENCH, CELSIUS = day(1)
+FORCE, TORQUE = WRENCH.T[2:4]
+
+
 def write(path, header, columns, delimiter=',', comma=False):
     """Write columns below a header, texts as they are and numbers with seven digits."""
     lines = [header]
@@ -129,9 +134,8 @@ def test_a_part_is_chosen_in_every_way_of_writing_a_time(logs, run):
 def test_what_stands_in_a_file_beside_is_read_as_it_is_on_the_command_line(
     beside, cells, run, tmp_path
 ):
-    t, wrench, celsius = day(1)
-    columns = t, wrench[:, 2], celsius
-    path = write(tmp_path / 'log.csv', 'stamp_s,force_z,temperature_c', columns)
+    header = 'stamp_s,force_z,temperature_c'
+    path = write(tmp_path / 'log.csv', header, (T, FORCE, CELSIUS))
     path.with_name('recording.yaml').write_text(beside)
     if cells is None:
         assert 'A stretch is A..B' in run('show', path).sentence
@@ -148,9 +152,8 @@ def test_a_product_of_units_is_understood_wherever_it_stands(form):
 
 
 def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(done, tmp_path):
-    t, wrench, celsius = day(1)
-    path = write(tmp_path / 'log.csv', 't,Fz (N),Tx (N-foo),Temp (C)', (
-        t, wrench[:, 2], wrench[:, 3], celsius))  # fmt: skip
+    header = 't,Fz (N),Tx (N-foo),Temp (C)'
+    path = write(tmp_path / 'log.csv', header, (T, FORCE, TORQUE, CELSIUS))
     said = 'Tx (N-foo) of log.csv is in N-foo, a unit that is not understood, and is read in Nm.'
     assert f'warning: {said}' in done('show', path)
     columns, _ = proposed(done('show', path))
@@ -168,9 +171,8 @@ def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(done,
 ])  # fmt: skip
 def test_degrees_that_nobody_named_are_celsius_and_doubted(begin, behind, doubt, done, tmp_path):
     """The first reading says nothing: a DS18B20 has 85.00 until it has converted."""
-    t, wrench, celsius = day(1)
-    celsius[0] = 85 + 22 - begin
-    path = write(tmp_path / 'log.csv', 't_s,fz,temp', (t, wrench[:, 2], celsius - 22 + begin))
+    celsius = np.concatenate(([85], CELSIUS[1:] - 22 + begin))
+    path = write(tmp_path / 'log.csv', 't_s,fz,temp', (T, FORCE, celsius))
     columns, _ = proposed(done('show', path))
     assert columns == 'stamp=t_s,force_z=fz,temperature_c=temp'
     shown = ' '.join(done('show', path, '--columns', columns + behind).split())
@@ -179,14 +181,13 @@ def test_degrees_that_nobody_named_are_celsius_and_doubted(begin, behind, doubt,
 
 
 def test_counts_are_no_tenths_of_degrees_and_volts_of_a_bridge_no_newtons(run, tmp_path):
-    t, wrench, celsius = day(1)
     for name in ('temp_counts', 'temp_adc', 'temp_raw'):
-        path = write(tmp_path / 'log.csv', f't_s,fz,{name}', (t, wrench[:, 2], 476 + celsius))
+        path = write(tmp_path / 'log.csv', f't_s,fz,{name}', (T, FORCE, 476 + CELSIUS))
         assert proposed(run('show', path).out)[0] == 'stamp=t_s,force_z=fz,temperature_c=…'
-    path = write(tmp_path / 'log.csv', 't_s,Fz_V,T', (t, wrench[:, 2], celsius))
+    path = write(tmp_path / 'log.csv', 't_s,Fz_V,T', (T, FORCE, CELSIUS))
     assert 'Fz_V of log.csv is in v, a unit that is not understood' in run('show', path).out
     head = 'Y_Unit_Label,Digits,Volts\nt_s,Fz,T'
-    path = write(tmp_path / 'log.csv', head, (t, wrench[:, 2], celsius))
+    path = write(tmp_path / 'log.csv', head, (T, FORCE, CELSIUS))
     assert 'Fz of log.csv is in Digits, a unit that is not understood' in run('show', path).out
 
 
@@ -196,8 +197,7 @@ def test_counts_are_no_tenths_of_degrees_and_volts_of_a_bridge_no_newtons(run, t
     ('ScaleFactor,0.001,1', True), ('ScaleFactor,1,1', False), ('# cell 3, 100 N', False),
 ])  # fmt: skip
 def test_a_line_above_that_tells_of_units_is_quoted(line, is_doubt, done, tmp_path):
-    t, wrench, celsius = day(1)
-    path = write(tmp_path / 'log.csv', f'{line}\n\nt_s,Fz,T', (t, wrench[:, 2], celsius))
+    path = write(tmp_path / 'log.csv', f'{line}\n\nt_s,Fz,T', (T, FORCE, CELSIUS))
     columns, _ = proposed(done('show', path))
     for behind in ('', ':kN', '*0.001'):
         words = '--columns', columns.replace('Fz', f'Fz{behind}')
@@ -208,8 +208,7 @@ def test_a_line_above_that_tells_of_units_is_quoted(line, is_doubt, done, tmp_pa
 
 @pytest.mark.parametrize('names', [['Fz', 'T'], ['Fx', 'Fz', 'T'], ['Fx', 'Fz', 'T1', 'T2']])
 def test_channels_that_take_turns_in_a_long_log_are_found(names, run, tmp_path):
-    t, wrench, celsius = day(1)
-    cells = [(n, s, v) for s, *two in zip(t, wrench[:, 2], celsius, strict=True)
+    cells = [(n, s, v) for s, *two in zip(T, FORCE, CELSIUS, strict=True)
              for n, v in zip(names, [two[n[0] == 'T'] for n in names], strict=True)]  # fmt: skip
     path = write(tmp_path / 'log.csv', 'name,time,value', zip(*cells, strict=True))
     said = run('show', path).sentence
@@ -264,8 +263,7 @@ def test_columns_are_what_their_names_and_values_say(header, tmp_path, run):
 
 
 def test_cells_last_as_long_as_the_samples_of_a_slow_log_are_apart(done, tmp_path):
-    t, wrench, celsius = day(1)
-    path = write(tmp_path / 'log.csv', 't (min),fz (N),temp (C)', (t, wrench[:, 2], celsius))
+    path = write(tmp_path / 'log.csv', 't (min),fz (N),temp (C)', (T, FORCE, CELSIUS))
     assert '--thermal-period' not in done('show', path)
     model, columns = tmp_path / 'model.yaml', ['--columns', proposed(done('show', path))[0]]
     done('calibrate', path, '-o', model, '--method', 'pls', *columns)
@@ -312,11 +310,10 @@ BAG_STAMPS = {
 @pytest.mark.parametrize('header', BAG_STAMPS)
 def test_nanoseconds_are_added_to_whole_seconds_of_the_same_stamp(header, run, tmp_path):
     row, columns = BAG_STAMPS[header]
-    t, wrench, celsius = day(1)
-    whole = 1_772_694_000 + t // 4  # four samples a second
-    parts = zip(whole, (250_000_000 * (t % 4)).astype(int), whole + t % 4 / 4 + 0.003, strict=True)
+    whole = 1_772_694_000 + T // 4  # four samples a second
+    parts = zip(whole, (250_000_000 * (T % 4)).astype(int), whole + T % 4 / 4 + 0.003, strict=True)
     stamps = [row.format(*part) for part in parts]
-    path = write(tmp_path / 'log.csv', f'{header},Fz,temperature', (stamps, wrench[:, 2], celsius))
+    path = write(tmp_path / 'log.csv', f'{header},Fz,temperature', (stamps, FORCE, CELSIUS))
     shown, _ = proposed(run('show', path).out)
     assert shown == f'{columns},force_z=Fz,temperature_c=temperature'
     assert read_recording(path, topics=Topics(columns=shown)).duration_s == pytest.approx(900)
@@ -338,10 +335,9 @@ CLOCKS = {
 def test_a_second_clock_is_named_with_what_reads_it(header, done, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     times, force_unit, unit = CLOCKS[header]
-    t, wrench, _ = day(1)
     celsius = 22 + 14 * (1 - np.exp(-times / 900))
     groups = [[f'{at:.2f},{value:.4f}' for at, value in zip(*group, strict=False)]
-              for group in ((t, wrench[:, 2]), (times, celsius))]  # fmt: skip
+              for group in ((T, FORCE), (times, celsius))]  # fmt: skip
     rows = [','.join(row) for row in zip_longest(*groups, fillvalue=',')]
     (tmp_path / 'log.csv').write_text('\n'.join([header.rstrip(','), *rows, '']))
     shown = run('show', 'log.csv')
@@ -356,27 +352,25 @@ def test_a_second_clock_is_named_with_what_reads_it(header, done, run, tmp_path,
     assert 'not understood' not in again
     with open_recording(Path(found[1]), Topics(columns=columns, time='s')) as opened:
         stamps_s = {block.channels: block.stamps_ns / 1e9 for block in opened.samples()}
-    np.testing.assert_allclose(stamps_s['force_z',], t)
+    np.testing.assert_allclose(stamps_s['force_z',], T)
     np.testing.assert_allclose(stamps_s['temperature_c',], times)
 
 
 def test_a_date_beside_seconds_and_a_stamp_that_a_temperature_has_are_no_second_clock(
     done, tmp_path
 ):
-    t, wrench, celsius = day(1)
-    dates = [f'{BEGIN + timedelta(seconds=s):%Y-%m-%dT%H:%M:%S}' for s in t]
-    for header, second in (('Timestamp', dates), ('temp.header.stamp.secs', 1.7e9 + t - 0.3)):
-        stamps = t if header == 'Timestamp' else 1.7e9 + t
-        columns = stamps, wrench[:, 2], second, celsius
+    dates = [f'{BEGIN + timedelta(seconds=s):%Y-%m-%dT%H:%M:%S}' for s in T]
+    for header, second in (('Timestamp', dates), ('temp.header.stamp.secs', 1.7e9 + T - 0.3)):
+        stamps = T if header == 'Timestamp' else 1.7e9 + T
+        columns = stamps, FORCE, second, CELSIUS
         path = write(tmp_path / f'{header}.csv', f'Time (s),Fz (N),{header},T (C)', columns)
         assert 'another time' not in done('show', path, '--columns', (
             'stamp=1,force_z=2,temperature_c=4'))  # fmt: skip
 
 
 def test_a_part_of_a_day_is_no_second(done, tmp_path):
-    t, wrench, celsius = day(1)
-    times = [f'{0.29 + s / 86_400:.9f}' for s in t]
-    path = write(tmp_path / 'log.csv', 'Uhrzeit,Fz (N),T (C)', (times, wrench[:, 2], celsius))
+    times = [f'{0.29 + s / 86_400:.9f}' for s in T]
+    path = write(tmp_path / 'log.csv', 'Uhrzeit,Fz (N),T (C)', (times, FORCE, CELSIUS))
     columns, time = proposed(done('show', path))
     assert time == 'd'
     recording = read_recording(path, topics=Topics(columns=columns, time=time))
