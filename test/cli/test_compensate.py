@@ -4,39 +4,24 @@ import numpy as np
 import pandas
 import pytest
 
-from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
-from wrist_ft_comp.stream.tare import initial_tare
+from wrist_ft_comp import compensate, load_model
 
 
 def table(path):
     return pandas.read_csv(path, dtype=str, keep_default_na=False).to_dict('list')
 
 
-def core_correction(model, path, columns, tare_s=0.0):
-    drift_model, recording = load_model(model).model, read_recording(path)
-    raw = np.full((len(columns['stamp_s']), len(AXES)), np.nan)
-    for axis in set(AXES) & set(columns):
-        raw[:, AXES.index(axis)] = columns[axis]
-    stamps = np.round(np.array(columns['stamp_s'], dtype=float) * 1e9).astype(np.int64)
-    tare = initial_tare(drift_model, recording, tare_s)
-    return correct_many(track_drift(drift_model, recording), stamps, raw, tare)
-
-
 @pytest.mark.parametrize('tare_s', [0, 30])
-def test_csv_is_corrected_as_the_core_corrects(tare_s, done, make, model, tmp_path):
+def test_csv_is_corrected_as_columns_in_memory_are(tare_s, done, make, model, tmp_path):
     columns = make.drifting(seed=3)
     path = make.csv(tmp_path / 'run.csv', {**columns, 'remark': ['x'] * 400})
     out = tmp_path / 'out.csv'
     printed = done('compensate', model, path, '-o', out, '--tare', tare_s)
     assert printed == f'wrote {out}\n'
     written = table(out)
-    expected = core_correction(model, path, columns, tare_s)
-    for axis in ('force_z', 'torque_x'):
-        values = np.array(written.pop(axis), dtype=float)
-        np.testing.assert_allclose(values, expected[:, AXES.index(axis)], rtol=0, atol=1e-12)
+    for axis, values in compensate(load_model(model).model, columns, tare_s=tare_s).items():
+        given = np.array(written.pop(axis), dtype=float)
+        np.testing.assert_allclose(given, values, rtol=0, atol=1e-12)
     assert set(written.pop('compensated_by_wrist_ft_comp')) == {''}
     celsius = list(map(float, written.pop('temperature_c')))
     assert celsius == pytest.approx(columns['temperature_c'], rel=1e-12)

@@ -57,11 +57,9 @@ def test_a_bag_without_wrenches_names_no_topic_that_would_not_help(done, message
     assert 'holds no raw wrench in a form that can be read, so nothing' in out
 
 
-def test_a_report_is_recognised(done, drift_csv, model, tmp_path):
-    page = tmp_path / 'r.html'
-    done('evaluate', model, drift_csv, '--report', page)
-    assert 'open it in a browser' in done('show', page)
-    assert json.loads(done('show', page, '--json'))['kind'] == 'report'
+def test_a_report_is_recognised(done, report):
+    assert 'open it in a browser' in done('show', report)
+    assert json.loads(done('show', report, '--json'))['kind'] == 'report'
 
 
 def test_a_recording_of_one_pose_says_that_it_shows_no_payload(done, make, tmp_path):

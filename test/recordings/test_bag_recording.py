@@ -53,17 +53,12 @@ def test_a_split_bag_is_read_in_order(make_bag, storage):
 
 @pytest.fixture
 def write(tmp_path, messages):
-    """Write a bag of some messages by topic; None stands for none."""
+    """Write a bag of topics and messages; None stands for none."""
 
-    def make(wrenches, temperatures):
-        kinds = {messages.wrench_type: wrenches, messages.temperature_type: temperatures}
-        rows = [
-            (topic, kind, 0, content)
-            for kind, topics in kinds.items()
-            for topic, contents in topics.items()
-            for content in contents
-        ]
-        return messages.write(tmp_path / 'few', rows)
+    def make(*rows):
+        kinds = {True: messages.wrench_type, False: messages.temperature_type}
+        parts = [(topic, kinds['wrench' in topic], 0, content) for topic, content in rows]
+        return messages.write(tmp_path / 'few', parts)
 
     return make
 
@@ -71,16 +66,12 @@ def write(tmp_path, messages):
 def test_reference_and_further_thermometers_are_read_where_they_are_named(write, messages):
     t = 1_723_248_197_000_000_000
     path = write(
-        {
-            '/ft/raw': [messages.wrench(t, range(6))],
-            '/wrench_reference': [messages.wrench(t + 1, range(6, 12), little=False)],
-        },
-        {
-            '/temperature': [messages.temperature(t + 2, 20.0)],
-            '/flange': [messages.temperature(t + 3, 30.0, 'flange', little=False)],
-        },
+        ('/ft/wrench', messages.wrench(t, range(6))),
+        ('/wrench_reference', messages.wrench(t + 1, range(6, 12), little=False)),
+        ('/temperature', messages.temperature(t + 2, 20.0)),
+        ('/flange', messages.temperature(t + 3, 30.0, 'flange', little=False)),
     )
-    parts, _ = read(path, Topics('ft/raw', ('temperature', '/flange')))
+    parts, _ = read(path, Topics('ft/wrench', ('temperature', '/flange')))
     assert parts[AXES][1].tolist() == [list(range(6))]
     assert parts[REFERENCE_CHANNELS][1].tolist() == [list(range(6, 12))]
     assert parts[('temperature_c',)][1].tolist() == [[20.0]]
@@ -93,7 +84,7 @@ def test_reference_and_further_thermometers_are_read_where_they_are_named(write,
 )
 def test_messages_that_are_no_wrenches_are_refused(write, messages, is_cut, sentence):
     wrench = messages.wrench(1, range(6))[:-3] if is_cut else None
-    path = write({'/wrench_raw': [wrench]}, {'/temperature': [messages.temperature(1, 20.0)]})
+    path = write(('/wrench_raw', wrench), ('/temperature', messages.temperature(1, 20.0)))
     with pytest.raises(RecordingError, match=f'/wrench_raw of few {sentence}'):
         read(path)
 
@@ -102,8 +93,8 @@ def test_a_part_is_counted_from_the_first_message_with_a_stamp(write, messages):
     second = 1_000_000_000
     times = range(1000 * second, 1100 * second, second)
     path = write(
-        {'/wrench_raw': [messages.wrench(at, range(6)) for at in (0, *times)]},
-        {'/temperature': [messages.temperature(at, 20.0) for at in times]},
+        *(('/wrench_raw', messages.wrench(at, range(6))) for at in (0, *times)),
+        *(('/temperature', messages.temperature(at, 20.0)) for at in times),
     )
     assert len(read_recording(path, topics=Topics(begin='60'))) == 40
 

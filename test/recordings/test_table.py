@@ -46,20 +46,17 @@ STAMPS = [
     ('2024-08-10 01:03:17.123456789+01:00', 'iso', EPOCH),
     ('10.08.2024 00:03:17.123456789', '%d.%m.%Y %H:%M:%S.%f', EPOCH),
     ('2024-08-10', 'iso', EPOCH - EPOCH % (86_400 * 10**9)),
+    (str(EPOCH), '*1e-9', EPOCH), ('1723248197123.456789', '*0.001', EPOCH),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(('text', 'time', 'ns'), STAMPS)
 @pytest.mark.parametrize('count', [1, 3])
 def test_stamps_become_nanoseconds_exactly(make_csv, text, time, ns, count):
+    """A factor makes seconds of numbers, whatever their size."""
     path = make_csv('stamp_s,force_z\n' + f'{text},1\n' * count + '# end')
-    assert all_samples(path, time=time)[0]['force_z'] == ([ns], [1.0])
-
-
-@pytest.mark.parametrize(('text', 'factor'), [(EPOCH, '1e-9'), ('1723248197123.456789', '0.001')])
-def test_a_factor_makes_seconds_of_numbers_whatever_their_size(make_csv, text, factor):
-    path = make_csv(f't,Fz\n{text},1\n')
-    assert all_samples(path, f'stamp=t*{factor},force_z=Fz')[0]['force_z'] == ([EPOCH], [1.0])
+    said = (f'stamp=stamp_s{time},force_z=force_z',) if time[0] == '*' else ('', time)
+    assert all_samples(path, *said)[0]['force_z'] == ([ns], [1.0])
 
 
 @given(st.lists(st.integers(-(10**19) // 2, 10**19 // 2), min_size=1, max_size=30, unique=True))
@@ -200,19 +197,19 @@ def test_rows_of_one_stamp_are_one_sample(make_csv, monkeypatch, block):
     assert samples['temperature_c'] == ([0, 10**9, 2 * 10**9], [20.5, 22.0, 24.0])
 
 
-def test_a_time_of_day_goes_on_after_midnight(make_csv, monkeypatch):
+#: Times of day, and seconds since midnight; a row that is late there is of the day before.
+NIGHTS = [
+    ([f'{h}:{m:02}' for h in (22, 23, 0, 1) for m in range(0, 60, 10)], range(-7200, 7200, 600)),
+    (['23:59:57', '23:59:59', '00:00:01', '23:59:58', '00:00:02'], [-3, -1, 1, -2, 2]),
+]
+
+
+@pytest.mark.parametrize(('times', 'seconds'), NIGHTS)
+def test_a_time_of_day_goes_on_after_midnight(make_csv, monkeypatch, times, seconds):
     monkeypatch.setattr(table_file, 'BLOCK', 60)
-    times = [f'{h}:{m:02}' for h in (22, 23, 0, 1) for m in range(0, 60, 10)]
     rows = ''.join(f'{at},{k},20\n' for k, at in enumerate(times))
     stamps, _ = all_samples(make_csv(f't,Fz,T\n{rows}'), SAID)[0]['force_z']
-    assert stamps == [(22 * 3600 + 600 * k) * 10**9 for k in range(24)]
-
-
-def test_a_row_that_is_late_at_midnight_is_of_the_day_before(make_csv):
-    times = [f'23:59:5{k}' for k in (7, 9)] + ['00:00:01', '23:59:58', '00:00:02']
-    rows = ''.join(f'{at},{k},20\n' for k, at in enumerate(times))
-    stamps, _ = all_samples(make_csv(f't,Fz,T\n{rows}'), SAID)[0]['force_z']
-    assert [stamp // 10**9 - 86_400 for stamp in stamps] == [-3, -1, 1, -2, 2]
+    assert stamps == [(86_400 + second) * 10**9 for second in seconds]
 
 
 #: What is in the file, and words of the sentence: what was expected, and where.
