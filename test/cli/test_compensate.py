@@ -56,7 +56,9 @@ def test_the_output_topic_has_a_name(model, done, bags, tmp_path):
     assert '/clean ' in done('show', tmp_path / 'out')
 
 
-def test_compensation_without_a_tare_warns_of_the_offset(run, make, model, bags, tmp_path):
+def test_compensation_without_a_tare_warns_of_the_offset(  # noqa: PLR0913, PLR0917
+    run, make, model, drift_csv, bags, tmp_path
+):
     csv = make.csv(tmp_path / 'run.csv', make.drifting(seed=3, offset=50.0))
     said = 'every axis keeps a constant offset'
     cases = ([csv], True), ([csv, '--tare', '10'], False), ([bags['mcap']], True)
@@ -65,8 +67,14 @@ def test_compensation_without_a_tare_warns_of_the_offset(run, make, model, bags,
         assert (said in outcome.err) is warned
     assert np.array(table(tmp_path / '0')['force_z'], dtype=float).mean() > 10
     assert np.abs(np.array(table(tmp_path / '1')['force_z'], dtype=float)).mean() < 10
-    outcome = run('compensate', model, csv, '-o', tmp_path / 'json.csv', '--json')
-    assert said in json.loads(outcome.out)['warnings'][0]
+    for words, is_warned in ([csv], True), ([drift_csv, '--tare', '5'], False):
+        target = tmp_path / f'{len(words)}.csv'
+        outcome = run('compensate', model, *words, '-o', target, '--json')
+        printed = json.loads(outcome.out)
+        assert (said in ''.join(printed['warnings'][:1])) == is_warned == bool(printed['warnings'])
+        assert (outcome.code, outcome.err, printed['output']) == (0, '', str(target))
+        assert target.exists()
+    assert printed['tare']['force_z'] != 0
 
 
 def test_each_warning_comes_once(run, make, model, tmp_path):
@@ -82,14 +90,3 @@ def test_each_warning_comes_once(run, make, model, tmp_path):
     assert all(line.startswith('warning: ') for line in lines)
     assert 'changed faster than metal can, first at stamp ' in lines[1]
     assert 'the model was learnt from' in lines[2]
-
-
-def test_json_says_where_it_went_and_what_was_tared(run, drift_csv, model, tmp_path):
-    target = tmp_path / 'out.csv'
-    outcome = run('compensate', model, drift_csv, '-o', target, '--tare', '5', '--json')
-    printed = json.loads(outcome.out)
-    assert (outcome.code, outcome.err) == (0, '')
-    assert printed['output'] == str(target)
-    assert target.exists()
-    assert printed['tare']['force_z'] != 0
-    assert printed['warnings'] == []

@@ -296,32 +296,6 @@ def test_a_map_that_cannot_be_meant_so_is_refused(columns, time, words):
         parse_map(columns, time)
 
 
-#: Stamps of a bag's table, what a row writes of seconds t, and the columns that are taken.
-BAG_STAMPS = {
-    'header.stamp.secs,header.stamp.nsecs': (
-        '{0:.0f},{1}', 'stamp=header.stamp.secs,stamp_nanosec=header.stamp.nsecs'),
-    'sec,nanosec': ('{0:.0f},{1}', 'stamp=sec,stamp_nanosec=nanosec'),
-    'Time,header.stamp.nsecs': ('{2:.3f},{1}', 'stamp=Time'),
-    'Time,header.stamp.secs,header.stamp.nsecs': ('{2:.3f},{0:.0f},{1}', 'stamp=Time'),
-    'Time,temp.header.stamp.nsecs': ('{0:.0f},{1}', 'stamp=Time'),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize('header', BAG_STAMPS)
-def test_nanoseconds_are_added_to_whole_seconds_of_the_same_stamp(header, run, tmp_path):
-    row, columns = BAG_STAMPS[header]
-    whole = 1_772_694_000 + T // 4  # four samples a second
-    parts = zip(whole, (250_000_000 * (T % 4)).astype(int), whole + T % 4 / 4 + 0.003, strict=True)
-    stamps = [row.format(*part) for part in parts]
-    path = write(tmp_path / 'log.csv', f'{header},Fz,temperature', (stamps, FORCE, CELSIUS))
-    shown, _ = proposed(run('show', path).out)
-    assert shown == f'{columns},force_z=Fz,temperature_c=temperature'
-    assert read_recording(path, topics=Topics(columns=shown)).duration_s == pytest.approx(900)
-    if '{2' in row:
-        said = run('show', path, '--columns', f'{shown},stamp_nanosec=header.stamp.nsecs')
-        assert 'Time of log.csv has decimals, to which header.stamp.nsecs' in said.sentence
-
-
 #: Two groups of columns with their own times, s: of the second one, and how many rows it has.
 CLOCKS = {
     'Time,Fz,Time,Temp': (600 + np.arange(3600.0), '', ''),

@@ -40,11 +40,6 @@ def learnt(folder, days):
     return path, said.getvalue()
 
 
-@pytest.fixture(scope='module')
-def model(learnt):
-    return learnt[0]
-
-
 def test_payloads_are_printed_and_kept_beside_the_model(days, done, learnt):
     path, text = learnt
     argv = 'calibrate', days[3], '--reference', 'payload', '--method', 'pls'
@@ -95,8 +90,8 @@ def test_payloads_need_their_model_and_a_model_goes_without_them(days, run, tmp_
     assert (tmp_path / 'cell.yaml').exists()
 
 
-def test_a_day_is_judged_as_its_model_was_learnt_where_no_reference_is_named(days, done, model):
-    argv = 'evaluate', model, days[2]
+def test_a_day_is_judged_as_its_model_was_learnt_where_no_reference_is_named(days, done, learnt):
+    argv = 'evaluate', learnt[0], days[2]
     judged = json.loads(done(*argv, '--json'))
     assert judged == json.loads(done(*argv, '--reference', 'payload', '--json'))
     assert judged['recordings'][0]['reference'] == 'payload'

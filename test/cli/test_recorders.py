@@ -116,6 +116,7 @@ def test_what_is_printed_leads_to_right_channels_units_and_times(name, run, tmp_
     assert outcome.code == ('open' in form), 'nothing could be read'
     shown = json.loads(outcome.out)
     topics = told(shown['commands'][0])
+    assert topics.columns == form.get('proposed', topics.columns)
     if 'open' in form:
         assert '…' in shown['commands'][0]
         assert 'in the place of …' in shown['refusal']

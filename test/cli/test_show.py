@@ -190,14 +190,13 @@ def test_a_damaged_memory_is_told(done, folder):
     assert document['warnings'][0].startswith(sentence)
 
 
-def test_a_picture_of_a_recording_is_drawn_or_a_sentence_says_why_not(run, drift_csv, tmp_path):
+def test_a_picture_of_a_recording_is_drawn_or_a_sentence_says_why_not(
+    run, drift_csv, model, tmp_path
+):
     picture, empty = tmp_path / 'day.png', tmp_path / 'empty.csv'
     assert not run('show', drift_csv, '--picture', picture).code
     assert picture.read_bytes().startswith(b'\x89PNG')
     empty.write_text('stamp_s,force_z,temperature_c\n0,,20\n')
     said = run('show', empty, '--picture', tmp_path / 'none.png').sentence
     assert 'There is nothing to draw. It holds no raw wrench' in said
-
-
-def test_a_picture_of_what_has_none_is_a_sentence(run, model):
     assert 'is no recording, and no folder' in run('show', model, '--picture', 'a.png').sentence

@@ -7,6 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES, FORCE_CHANNELS
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.drift.drift_model import run_from_rest
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
@@ -20,10 +21,7 @@ from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
 QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))
 CELLS, PERIOD_S = 300, 4.0
 pytestmark = pytest.mark.usefixtures('without_pictures')
-COLUMNS = (
-    'stamp_s', 'force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z',
-    'temperature_c', 'linear_acceleration_x', 'linear_acceleration_y', 'linear_acceleration_z',
-)  # fmt: skip
+COLUMNS = 'stamp_s', *AXES, 'temperature_c', *FORCE_CHANNELS
 
 
 def write_day(directory, number, cells=CELLS, *, parked_s=None):

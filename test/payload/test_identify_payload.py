@@ -77,7 +77,6 @@ def changed(cells, **parts):
 
 
 EVERYWHERE = still(np.random.default_rng(3).normal(size=(100, 3)))
-HEAVIER = 2 * EVERYWHERE[:, :6] - CONSTANT
 
 
 @pytest.mark.parametrize('contacts', [0.0, 0.15])
@@ -106,20 +105,22 @@ def test_without_noise_payload_and_turn_are_found_with_bias_and_scale_that_are_k
     np.testing.assert_allclose(frame.rotation, CROOKED.rotation, atol=1e-6)
 
 
-def test_cells_that_turn_fast_are_left_out():
-    fast = np.arange(100) < 55
-    cells = changed(EVERYWHERE, wrench=np.where(fast[:, None], HEAVIER, EVERYWHERE[:, :6]))
-    for speed, mass_kg in ((0.8 * fast, 1.5), (0.0, 3.0)):
-        payload, _ = identify(changed(cells, speed=speed), CELL_S, LEVEL)
-        assert payload.mass_kg == pytest.approx(mass_kg, rel=1e-5)
+TURNED = CELL_S * np.cumsum(np.repeat([0.4, 0.8], [60, 80]))
+TURNING = still(np.column_stack((np.sin(TURNED), np.sin(3 * TURNED) / 9, np.cos(TURNED))))
 
 
-def test_a_speed_that_nobody_measured_is_that_of_gravity():
-    turned = CELL_S * np.cumsum(np.repeat([0.4, 0.8], [60, 80]))
-    cells = still(np.column_stack((np.sin(turned), np.sin(3 * turned) / 9, np.cos(turned))))
-    cells[60:, :6] += cells[60:, :6] - CONSTANT  # twice the weight, while the tool turns fast
-    for speed, mass_kg in ((np.nan, 1.5), (0.0, 3.0)):
-        payload, _ = identify(changed(cells, speed=speed), CELL_S, LEVEL)
+@pytest.mark.parametrize(
+    ('cells', 'fast', 'speed'),
+    [
+        (EVERYWHERE, np.arange(100) < 55, 0.8 * (np.arange(100) < 55)),
+        (TURNING, np.arange(140) >= 60, np.nan),
+    ],
+    ids=['a speed that was measured', 'one that nobody measured is that of gravity'],
+)
+def test_cells_that_turn_fast_are_left_out(cells, fast, speed):
+    heavier = cells[:, :6] + fast[:, None] * (cells[:, :6] - CONSTANT)  # twice the weight
+    for known, mass_kg in ((speed, 1.5), (0.0, 3.0)):
+        payload, _ = identify(changed(cells, wrench=heavier, speed=known), CELL_S, LEVEL)
         assert payload.mass_kg == pytest.approx(mass_kg, rel=1e-5)
 
 

@@ -1,14 +1,11 @@
 """Recordings to read: bags, written by rosbags message by message, and CSV files."""
 
-from importlib import util
-from pathlib import Path
+from importlib import import_module
 import sys
 from types import ModuleType
 
 import numpy as np
 import pytest
-
-STAND_IN = Path(__file__).parents[1] / 'support' / 'rosbag2_stand_in.py'
 
 
 @pytest.fixture(params=['rosbags', 'rosbag2_py'])
@@ -16,10 +13,7 @@ def backend(request, monkeypatch):
     """Read and write by either backend; the second one where rosbags cannot be imported."""
     name = 'wrist_ft_comp.recordings.rosbags_backend'
     if request.param == 'rosbag2_py':
-        spec = util.spec_from_file_location('rosbag2_py', STAND_IN)
-        stand_in = util.module_from_spec(spec)
-        monkeypatch.setitem(sys.modules, 'rosbag2_py', stand_in)
-        spec.loader.exec_module(stand_in)
+        monkeypatch.setitem(sys.modules, 'rosbag2_py', import_module('rosbag2_stand_in'))
         monkeypatch.setitem(sys.modules, name, None)
         monkeypatch.delitem(sys.modules, name.replace('rosbags', 'rosbag2'), raising=False)
     return request.param

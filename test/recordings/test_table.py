@@ -236,6 +236,7 @@ BAD = [
     ('stamp_ns,force_z,temperature_c\n99999999999999999999,1,2\n', "stamp_ns.*'9999"),
     ('stamp_ns,force_z,temperature_c\n1,1,2\nnan,1,2\n', "Line 3 .*column stamp_ns.*got 'nan'"),
     ('stamp_s,stamp_nanosec,force_z,temperature_c\n1,1,1,2\n2,,1,2\n', "stamp_nano.*got ''"),
+    ('stamp_s,stamp_nanosec,force_z,temperature_c\n1.5,1,1,2\n', 'decimals, to which stamp_nan'),
     ('force_z,temperature_c,stamp_s\n1,20\n2,21\n', 'column stamp_s: expected a time'),
     (b'\x89PNG\r\n\x1a\n\0\0\r\n', 'is no text'),
 ]  # fmt: skip

@@ -20,14 +20,10 @@ def ramp(start, end, cells=HOUR):
     return np.linspace(start, end, cells)
 
 
-def unloaded(cells):
-    return {'force_z': np.zeros(cells)}
-
-
 @pytest.fixture(scope='module')
 def seen(make_recording):
     def make(*temperatures):
-        return cover([make_recording(t, unloaded(len(t))) for t in temperatures])
+        return cover([make_recording(t, {'force_z': np.zeros(len(t))}) for t in temperatures])
 
     return make
 
