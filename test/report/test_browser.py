@@ -4,10 +4,9 @@ The report in a real browser: nothing complains, nothing is cut off, nothing is 
 Chromium is installed by .ci/run; elsewhere these are skipped where it is missing.
 """
 
-import importlib.util
-from pathlib import Path
 import re
 
+from chromium import Browser, CHROMIUM
 import pytest
 
 KINDS = ('good', 'weak', 'none', 'evaluation', 'plateaus')
@@ -117,13 +116,9 @@ PALE = """
 
 @pytest.fixture(scope='module')
 def browser(tmp_path_factory):
-    path = Path(__file__).with_name('browser.py')
-    spec = importlib.util.spec_from_file_location('report_browser', path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    if module.CHROMIUM is None:
+    if CHROMIUM is None:
         pytest.skip('there is no chromium here; on Debian, apt install chromium')
-    started = module.Browser(tmp_path_factory.mktemp('profile'))
+    started = Browser(tmp_path_factory.mktemp('profile'))
     yield started
     started.close()
 

@@ -8,42 +8,6 @@ import pytest
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.wire.numbers_in_messages import follow, Layouts, NumberReader
 
-T0 = 1_723_248_197_000_000_000
-FRAME = """
-std_msgs/Header header
-string text
-string[] names
-Motor[<=9] motors
-std_msgs/Empty[2] nothing
-bool on
-int16[2] raw
-float32 temperature
-uint64 counter
-================================================================================
-MSG: b_msgs/Motor
-string<=20 name
-byte mode
-float64[] heat
-"""
-
-
-@pytest.fixture(scope='module')
-def frame(messages):
-    """Serialize a message whose texts and arrays move what lies behind them."""
-    kind = messages.learn('b_msgs/msg/Frame', FRAME)
-
-    def make(k, little=True):
-        names = ['shoulder', 'elbow', 'wrist'][: k % 4]
-        heat = np.arange(k % 3) + 0.5
-        motors = [messages.make('b_msgs/msg/Motor', name, 7, heat + k) for name in names]
-        empty = [messages.make('std_msgs/msg/Empty', 0)] * 2
-        raw = np.array([k, -k], np.int16)
-        fields = T0 + k, 'x' * (k % 3), names, motors, empty, True, raw, 20.0 + k, 7
-        return messages.pack(kind, *fields, little=little)
-
-    make.kind = kind
-    return make
-
 
 @pytest.mark.parametrize('little', [True, False])
 @pytest.mark.parametrize('k', range(5))
@@ -72,7 +36,7 @@ def test_numbers_of_many_messages_are_those_of_each(frame, define):
     reader = NumberReader(define(frame.kind), frame.kind, paths)
     assert reader.has_header
     stamps_ns, values = reader.read(contents)
-    assert stamps_ns.tolist() == [T0 + k for k in range(60)]
+    assert stamps_ns.tolist() == [frame.start_ns + k for k in range(60)]
     assert values[:, 0].tolist() == [20.0 + k for k in range(60)]
     assert (values[:, 1] == 7).all()
     assert np.isfinite(values[:, 2]).tolist() == [k % 4 > 1 and k % 3 > 0 for k in range(60)]

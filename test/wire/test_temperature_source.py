@@ -7,6 +7,7 @@ import pytest
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.wire import temperature_source as sources
+from wrist_ft_comp.wire.numbers_in_messages import follow
 from wrist_ft_comp.wire.temperature_source import parse_source, TemperatureSource
 
 
@@ -60,18 +61,6 @@ def test_the_same_number_twice_is_refused():
         sources.parse_sources(['/a', 'a'], resolve=lambda name: f'/{name.strip("/")}')
 
 
-STATE = """
-std_msgs/Header header
-float32 temperature
-float64[] data
-Joint[] joints
-float64[] empty
-================================================================================
-MSG: a_msgs/Joint
-float32 motor_temp
-string name
-bool enabled
-"""
 BIG = """
 float64[] data
 float32 sensor_temp
@@ -79,16 +68,15 @@ float32 sensor_temp
 
 
 @pytest.fixture
-def state(messages, lay_out):
-    """A message with numbers of every kind."""
-    kind = messages.learn('a_msgs/msg/State', STATE)
-    joints = [messages.make('a_msgs/msg/Joint', warm, 'elbow', True) for warm in (40.0, 41.0)]
-    return lay_out(kind, 7, 300.0, np.array([20.0, 21.0, np.nan]), joints, np.zeros(0))
+def state(frame, define):
+    """A message with numbers of every kind, two motors in it."""
+    content = frame(6, heat=np.array([20.0, 21.0, np.nan]))
+    return follow(define(frame.kind), frame.kind, content)
 
 
 @pytest.mark.parametrize(('entry', 'celsius'), [
-    ('/s', 300.0), ('/s:data[1]*0.1', 2.1), ('/s:temperature*0.99:K', 23.85),
-    ('/s:joints.1.motor_temp:F', 5.0), ('/s:header.stamp.nanosec', 7.0),
+    ('/s', 26.0), ('/s:raw[0]*0.1', 0.6), ('/s:temperature*11:K', 12.85),
+    ('/s:motors.1.heat[0]:F', -20 / 3), ('/s:header.stamp.nanosec', 6.0),
 ])  # fmt: skip
 def test_a_number_is_found_anywhere_in_a_message(state, entry, celsius):
     source = parse_source(entry)
@@ -100,14 +88,14 @@ def test_a_number_is_found_anywhere_in_a_message(state, entry, celsius):
     ('entry', 'sentence'),
     [
         ('/s:temprature', 'the message has no temprature. Its numbers are temperature, '),
-        ('/s:data[3]', 'data is an array of 3, counted from 0'),
-        ('/s:data[2]', 'is NaN or infinite; expected a finite number'),
-        ('/s:empty[0]', 'empty is an array of 0, counted from 0. Its'),
-        ('/s:joints[0]', 'joints[0] is no number'),
-        ('/s:joints[0].enabled', 'joints[0].enabled is no number'),
-        ('/s:joints[0].motor', 'joints[0] has no motor. Its numbers are joints[0].motor_temp'),
+        ('/s:raw[2]', 'raw is an array of 2, counted from 0'),
+        ('/s:motors[0].heat[2]', 'is NaN or infinite; expected a finite number'),
+        ('/s:motors[2]', 'motors is an array of 2, counted from 0. Its'),
+        ('/s:motors[0]', 'motors[0] is no number'),
+        ('/s:on', 'on is no number'),
+        ('/s:motors[1].modes', 'motors[1] has no modes. Its numbers are motors[elbow].mode, temp'),
         ('/s:temperature[0]', 'temperature has no [0]'),
-        ('/s:data[wrist_3]', 'data has no [wrist_3]. Its numbers are'),
+        ('/s:raw[wrist_3]', 'raw has no [wrist_3]. Its numbers are'),
     ],
 )
 def test_the_sentence_for_a_missing_number_names_the_fields_there_are(state, entry, sentence):
@@ -125,9 +113,10 @@ def test_a_message_with_many_numbers_names_those_that_look_right_first(messages,
 
 
 def test_all_numbers_but_the_headers_are_found_with_their_paths(state):
+    parts = 'mode', 'heat[0]', 'heat[1]', 'heat[2]'
     assert [sources.path_text(path) for path in sources.numbers_in(state)] == [
-        'temperature', 'data[0]', 'data[1]', 'data[2]', 'joints[0].motor_temp',
-        'joints[1].motor_temp',
+        *(f'motors[{n}].{part}' for n in (0, 1) for part in parts), 'raw[0]', 'raw[1]',
+        'temperature', 'counter',
     ]  # fmt: skip
 
 
