@@ -14,8 +14,8 @@ PNG = b'\x89PNG\r\n\x1a\n' + b'\0\0\0\rIHDR' + bytes(40)
 
 
 @pytest.mark.parametrize('command', ['calibrate', 'evaluate', 'evaluate by', 'compensate', 'show'])
-@pytest.mark.parametrize('name', ['missing.csv', 'missing', 'x' * 300])
-def test_a_missing_file_is_named(command, name, run, model, drift_csv, tmp_path):  # noqa: PLR0913, PLR0917
+@pytest.mark.parametrize('name', ['missing.csv', 'missing', 'x' * 300, '/dev/zero'])
+def test_a_missing_file_and_a_device_are_named(command, name, run, model, drift_csv, tmp_path):  # noqa: PLR0913, PLR0917
     path = tmp_path / name
     argv = {
         'calibrate': [path, '-o', tmp_path / 'm.yaml'],
@@ -27,13 +27,11 @@ def test_a_missing_file_is_named(command, name, run, model, drift_csv, tmp_path)
     sentence = run(command.split()[0], *argv).sentence
     assert name[:200] in sentence
     made = 'ros2 bag record -s mcap -o warm_up /wrench_raw /temperature'
-    assert (made in sentence) == (command != 'evaluate by' and len(name) < 255)
+    assert (made in sentence) == (command != 'evaluate by' and name.startswith('missing'))
+    assert ('is no file and no folder' in sentence) == (
+        command != 'evaluate by' and name == '/dev/zero'
+    )
     assert not list(tmp_path.iterdir())
-
-
-def test_a_device_is_refused_at_once(run, tmp_path):
-    for words in (['show', '/dev/zero'], ['calibrate', '/dev/zero', '-o', tmp_path / 'm.yaml']):
-        assert 'is no file and no folder' in run(*words).sentence
 
 
 def test_a_name_that_is_no_text_costs_no_model(done, drift_csv, tmp_path):

@@ -25,11 +25,7 @@ COLUMNS = 'stamp_s', *AXES, 'temperature_c', *FORCE_CHANNELS
 
 
 def write_day(directory, number, cells=CELLS, *, parked_s=None):
-    """
-    Write a day at work: a kilogram that turns, and drift with temperature.
-
-    With ``parked_s`` half a kilogram more hangs on it every other minute, and for that long.
-    """
+    """Write a day of a kilogram that turns; one that parks has half a one more now and then."""
     rng = np.random.default_rng(number)
     warm = 20 + rng.uniform(0, 4) + 10 * (1 - np.exp(-np.arange(cells) / rng.uniform(60, 200)))
     pose = np.repeat(rng.normal(size=(cells // 3, 3)), 3, axis=0)
@@ -183,8 +179,7 @@ def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, sav
 
 
 @pytest.mark.parametrize(
-    ('parked_s', 'kind', 'said'),
-    [(900, '', ''), (9900, 'contacts', 'is parked with a part')],
+    ('parked_s', 'kind', 'said'), [(900, '', ''), (9900, 'contacts', 'is parked with a part')]
 )
 def test_a_robot_parked_with_a_part_has_no_jump_of_its_zero(tmp_path, parked_s, kind, said):
     write_day(tmp_path, 1, 2700, parked_s=parked_s)

@@ -7,6 +7,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+T0 = 1_723_248_197_000_000_000
+
 
 @pytest.fixture(params=['rosbags', 'rosbag2_py'])
 def backend(request, monkeypatch):
@@ -23,19 +25,11 @@ def backend(request, monkeypatch):
 def make_bag(tmp_path, messages):
     """Write a bag of 1 kHz wrenches and 10 Hz temperatures, of some storage and compression."""
 
-    def make(  # noqa: PLR0913 -- a factory names what it can vary
-        storage='sqlite3',
-        compression='none',
-        *,
-        count=3000,
-        name='bag',
-        wrench='/wrench_raw',
-        start_ns=1_723_248_197_000_000_000,
-    ):
+    def make(storage='sqlite3', compression='none', *, count=3000, name='bag', start_ns=T0):
         k = np.arange(count)
         channels = k % 7, -2.0 + 0 * k, 0.5 * (k % 11), 0.01 + 0 * k, 0.02 + 0 * k, k % 3
         wrenches = np.stack(channels, axis=1)
-        parts = messages.run(start_ns + k * 10**6, wrenches, 25 + 1e-4 * k, wrench)
+        parts = messages.run(start_ns + k * 10**6, wrenches, 25 + 1e-4 * k)
         return messages.write(tmp_path / name, parts, storage, compression)
 
     return make

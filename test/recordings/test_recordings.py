@@ -14,9 +14,6 @@ from wrist_ft_comp.wire import cdr
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
 pytestmark = pytest.mark.usefixtures('backend')
 T0 = 1_723_248_197_000_000_000
-CSV = (
-    'stamp_s;note;force_z;temperature_c;torque_x\n0.0;"a;b";1.50;20.0;\n0.5;;2.50;;7\n1.0;c;;21;\n'
-)
 
 
 def halve(stamps_ns, wrench):
@@ -53,30 +50,24 @@ def test_a_path_that_is_no_recording_is_refused(tmp_path, name, content, sentenc
             look(path if path.parent == tmp_path else path.parent)
 
 
-def test_a_rewritten_table_has_our_columns_whatever_it_was(make_csv):
-    log = 't;Fz [kN];T;x\n0,0;0,0015;20;\n0,5;0,0025;;a\n1;;21;b\n'
-    source = make_csv(log)
-    target = source.with_name('out.csv')
-    topics = Topics(columns='stamp=t,force_z=Fz [kN],temperature_c=T')
-    (warning,) = rewrite_recording(source, target, halve, topics=topics)
-    assert 'not understood and not used: x.' in warning
-    assert target.read_text() == (
-        'stamp_ns,force_z,temperature_c,compensated_by_wrist_ft_comp\n'
-        '0,0.75,20.0,\n500000000,1.25,,\n1000000000,,21.0,\n'
-    )
-    assert source.read_text() == log
-
-
-def test_a_correction_sees_nan_for_absent_axes_and_only_rows_with_a_wrench(make_csv):
-    seen = []
+def test_a_rewritten_table_has_our_columns_and_only_rows_with_a_wrench_are_corrected(make_csv):
+    log = 't;Fz [kN];T;x;Mx\n0,0;0,0015;20;;\n0,5;0,0025;;a;7\n1;;21;b;\n'
+    source, seen = make_csv(log), []
 
     def look(stamps_ns, wrench):
         seen.append((stamps_ns.tolist(), np.isfinite(wrench).sum(axis=1).tolist()))
-        return wrench
+        return halve(stamps_ns, wrench)
 
-    source = make_csv(CSV)
-    rewrite_recording(source, source.with_name('out.csv'), look)
-    assert seen == [([0, 500_000_000], [1, 2])]
+    target = source.with_name('out.csv')
+    topics = Topics(columns='stamp=t,force_z=Fz [kN],temperature_c=T,torque_x=Mx')
+    (warning,) = rewrite_recording(source, target, look, topics=topics)
+    assert 'not understood and not used: x.' in warning
+    assert target.read_text() == (
+        'stamp_ns,force_z,temperature_c,torque_x,compensated_by_wrist_ft_comp\n'
+        '0,0.75,20.0,,\n500000000,1.25,,3.5,\n1000000000,,21.0,,\n'
+    )
+    assert source.read_text() == log
+    assert seen == [([0, 500_000_000], [1, 2])], 'absent axes are NaN'
 
 
 def test_a_wrench_of_a_bag_without_a_stamp_is_corrected_as_of_its_arrival(messages, tmp_path):

@@ -175,10 +175,7 @@ def test_four_hours_at_a_cell_a_second_are_no_larger_and_have_own_numbers(make, 
 
 
 def test_standard_errors_are_shown_where_there_are_any(view):
-    entry = {
-        'time_constants_s': [60.0, 7200.0],
-        'time_constant_errors_s': [3.0, None],
-    }
+    entry = {'time_constants_s': [60.0, 7200.0], 'time_constant_errors_s': [3.0, None]}
     first = view('good').axes[0]
     first = replace(first, entry={**first.entry, **entry})
     whole = Outline(page(replace(view('good'), axes=(first,)))).whole

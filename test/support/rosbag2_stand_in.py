@@ -15,8 +15,7 @@ from rosbags import rosbag2
 ConverterOptions = namedtuple('ConverterOptions', 'input_format output_format')
 StorageFilter = namedtuple('StorageFilter', 'topics')
 TopicMetadata = namedtuple(
-    'TopicMetadata',
-    'id name type serialization_format offered_qos_profiles type_description_hash',
+    'TopicMetadata', 'id name type serialization_format offered_qos_profiles type_description_hash'
 )
 
 
