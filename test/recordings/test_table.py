@@ -205,8 +205,9 @@ NIGHTS = [
 
 
 @pytest.mark.parametrize(('times', 'seconds'), NIGHTS)
-def test_a_time_of_day_goes_on_after_midnight(make_csv, monkeypatch, times, seconds):
-    monkeypatch.setattr(table_file, 'BLOCK', 60)
+@pytest.mark.parametrize('block', [60, table_file.BLOCK])
+def test_a_time_of_day_goes_on_after_midnight(make_csv, monkeypatch, times, seconds, block):
+    monkeypatch.setattr(table_file, 'BLOCK', block)
     rows = ''.join(f'{at},{k},20\n' for k, at in enumerate(times))
     stamps, _ = all_samples(make_csv(f't,Fz,T\n{rows}'), SAID)[0]['force_z']
     assert stamps == [(86_400 + second) * 10**9 for second in seconds]

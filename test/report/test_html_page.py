@@ -177,9 +177,8 @@ def test_four_hours_at_a_cell_a_second_are_no_larger_and_have_own_numbers(make, 
 def test_standard_errors_are_shown_where_there_are_any(view):
     entry = {'time_constants_s': [60.0, 7200.0], 'time_constant_errors_s': [3.0, None]}
     first = view('good').axes[0]
-    first = replace(first, entry={**first.entry, **entry})
-    whole = Outline(page(replace(view('good'), axes=(first,)))).whole
-    assert '60 ± 3 s, 7200 s' in whole
+    shown = replace(view('good'), axes=(replace(first, entry={**first.entry, **entry}),))
+    assert '60 ± 3 s, 7200 s' in Outline(page(shown)).whole
 
 
 def test_a_robot_at_work_has_its_payloads_and_what_was_used_on_the_page(text, view):
