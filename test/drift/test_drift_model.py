@@ -68,13 +68,6 @@ def test_uncertainty_is_what_the_model_leaves_and_grows_beyond_the_range(make_mo
     np.testing.assert_array_equal(model.uncertainty(celsius[4:5]), deviations[4])
 
 
-def test_predicted_thermometers_that_do_not_fit_are_refused():
-    parts = np.zeros(1), np.zeros((2, 1, 2)), np.zeros(2), *np.ones((3, 2))
-    assert ThermometerPrediction(*parts).predict(np.ones((1, 2))).tolist() == [0, 0]
-    with pytest.raises(ModelFileError, match='shape of still_k'):
-        ThermometerPrediction(*parts[:3], np.ones(3), *parts[4:])
-
-
 #: Of static gain 1: two relaxations, and one that is of second order and late.
 FILTERS = (
     relaxation(30.0, 10.0),
@@ -177,6 +170,10 @@ def test_the_excess_is_counted_in_calibrated_ranges_of_at_least_a_kelvin():
     assert still.beyond_range(LOWER_C + 5.0).tolist() == [5.0, 5.0]
 
 
-def test_a_third_output_is_refused():
+def test_predicted_thermometers_and_outputs_that_do_not_fit_are_refused():
+    parts = np.zeros(1), np.zeros((2, 1, 2)), np.zeros(2), *np.ones((3, 2))
+    assert ThermometerPrediction(*parts).predict(np.ones((1, 2))).tolist() == [0, 0]
+    with pytest.raises(ModelFileError, match='shape of still_k'):
+        ThermometerPrediction(*parts[:3], np.ones(3), *parts[4:])
     with pytest.raises(ModelFileError, match='number of outputs'):
         make_axis(outputs=3)

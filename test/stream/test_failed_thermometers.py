@@ -260,22 +260,20 @@ def test_one_that_is_replaced_stays_so_under_another_model_and_over_a_restart(le
 
 
 @pytest.mark.parametrize(
-    ('usual_s', 'still_s', 'said'), [(None, 4000, False), (30.0, 590, False), (30.0, 650, True)]
-)
-def test_a_single_one_that_never_moved_is_doubted_by_its_calibration(usual_s, still_s, said):
-    readings_c = np.full(still_s // 5, 22.0)
-    assert failed_thermometers.too_still_s(readings_c, 5.0, usual_s) == (still_s if said else 0)
-
-
-@pytest.mark.parametrize(
-    ('repeats_s', 'still_s', 'said'),
-    [(5, 590, False), (5, 650, True), (100, 950, False), (100, 1100, True)],
-)
-def test_a_single_one_is_doubted_when_it_stands_still_longer_than_ever(repeats_s, still_s, said):
-    """In cells of 5 s, after an hour in which it moved every 5 s, or in coarse steps."""
-    moved_c = 20.0 + 0.1 * (np.arange(0, 4000, 5) // repeats_s)
+    ('moved_s', 'repeats_s', 'usual_s', 'still_s', 'said'),
+    [
+        (0, 5, None, 4000, False), (0, 5, 30.0, 590, False), (0, 5, 30.0, 650, True),
+        (4000, 5, None, 590, False), (4000, 5, None, 650, True),
+        (4000, 100, None, 950, False), (4000, 100, None, 1100, True),
+    ],
+)  # fmt: skip
+def test_a_single_one_is_doubted_when_it_stands_still_longer_than_ever_or_in_its_calibration(
+    moved_s, repeats_s, usual_s, still_s, said
+):
+    """In cells of 5 s, after an hour in which it moved every 5 s, or in coarse steps, or none."""
+    moved_c = 20.0 + 0.1 * (np.arange(0, moved_s, 5) // repeats_s)
     readings_c = np.append(moved_c, np.full(still_s // 5, 70.0))
-    assert failed_thermometers.too_still_s(readings_c, 5.0) == (still_s if said else 0)
+    assert failed_thermometers.too_still_s(readings_c, 5.0, usual_s) == (still_s if said else 0)
 
 
 def test_all_that_freeze_together_are_doubted_by_their_own_stands(learn, make_day):

@@ -112,20 +112,14 @@ def test_a_process_without_a_result_is_a_sentence(ready, monkeypatch, command, w
     check_refused(node, node.call('calibrate'), words, 'call again')
 
 
-@pytest.fixture
-def found(make_model, monkeypatch):
-    """Let a calibration find a model that was made by hand."""
+def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready, make_model, monkeypatch):
     stored = make_model('later.yaml', {'force_z': (2.0, 0.0, 600.0)})
 
-    def run_job(_job):
+    def find(_job):
         yield
         return {**vars(stored), 'path': str(stored.path), 'message': 'learnt'}
 
-    monkeypatch.setattr('wrist_ft_comp.node.job_services.run_job', run_job)
-
-
-@pytest.mark.usefixtures('found')
-def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready):
+    monkeypatch.setattr('wrist_ft_comp.node.job_services.run_job', find)
     node = ready()
     (node.directory / 'active.json').mkdir()
     said = node.call('calibrate')

@@ -8,30 +8,16 @@ import pytest
 from std_srvs.srv import Trigger
 
 
-@pytest.fixture
-def start(bench, executable, tmp_path):
-    """Start the executable under a name of its own, and wait until it is up."""
-
-    def launch(name, *arguments):
-        folder = tmp_path / 'data'
-        words = [
-            '-r', f'__ns:=/{name}', '-r', f'__node:={name}', '-p', f'data_directory:={folder}',
-        ]  # fmt: skip
-        module = 'wrist_ft_comp.node.compensator_node'
-        process = executable(module, *words, *arguments, may_be_killed=True)
-        bench.wait_for_node(name)
-        return process
-
-    return launch
-
-
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
-def test_the_end_of_a_node_ends_its_calibration_too(bench, start, tmp_path, number):
+def test_the_end_of_a_node_ends_its_calibration_too(bench, executable, tmp_path, number):
     """A bag whose metadata is a pipe without a writer stands for a long fit."""
     metadata = tmp_path / 'data/endless/metadata.yaml'
     metadata.parent.mkdir(parents=True)
     os.mkfifo(metadata)
-    process = start('fits', '-p', f'calibration.recordings:=[{metadata.parent}]')
+    given = f'data_directory:={tmp_path / "data"}', f'calibration.recordings:=[{metadata.parent}]'
+    words = ['-r', '__ns:=/fits', '-r', '__node:=fits', '-p', given[0], '-p', given[1]]
+    process = executable('wrist_ft_comp.node.compensator_node', *words, may_be_killed=True)
+    bench.wait_for_node('fits')
     answers = bench.ask(Trigger, '/fits/fits/calibrate', Trigger.Request())
 
     def nobody_reads():

@@ -82,26 +82,22 @@ def test_the_answer_says_what_a_recording_lacks(rig, wrenches, temperatures, wor
     assert ('warning: ' in answer.message) == bool(words), answer.message
 
 
-def test_a_thermometer_of_another_clock_is_missing_in_the_recording(rig):
+OTHERS = 'thermometer 2', 'wrench_reference'
+
+
+@pytest.mark.parametrize('source', OTHERS)
+def test_what_comes_by_another_clock_is_missing_in_the_recording(rig, source):
     node = rig(thermometers=2)
     start_recording(node)
-    for second in range(100):
-        node.put(START + second * SECOND, [1.0] * 6)
-        for j, late_s in enumerate((0, 1200)):
-            node.node.inputs.take(j, START + (second - late_s) * SECOND, 25.0)
-    assert node.diagnosis('calibration', 'recorded without thermometer 2').level == b'\1'
-    assert 'warning: thermometer 2 reported in no' in node.call('record', False).message
-
-
-def test_a_reference_of_another_clock_is_missing_in_the_recording(rig):
-    node = rig()
-    start_recording(node)
     for second in range(130):
-        node.send_reference((1000 + second) * SECOND, [1.0] * 6)
-        node.put(START + second * SECOND, [1.0] * 6)
-        node.put_temperature(START + second * SECOND, 25.0)
-    assert node.diagnosis('calibration', 'recorded without wrench_reference').level == b'\1'
-    assert 'warning: wrench_reference reported in no' in node.call('record', False).message
+        stamp = START + second * SECOND
+        late = {name: stamp - 1200 * SECOND * (name == source) for name in OTHERS}
+        node.put(stamp, [1.0] * 6)
+        node.send_reference(late['wrench_reference'], [1.0] * 6)
+        for j, at in enumerate((stamp, late['thermometer 2'])):
+            node.node.inputs.take(j, at, 25.0)
+    assert node.diagnosis('calibration', f'recorded without {source}').level == b'\1'
+    assert f'warning: {source} reported in no' in node.call('record', False).message
 
 
 def test_a_recording_goes_on_in_its_file_after_a_kill(rig, tmp_path, monkeypatch):

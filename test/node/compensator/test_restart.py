@@ -140,11 +140,6 @@ def test_a_tare_without_a_drift_keeps_the_output_over_a_restart(restart, stored)
     assert restarted.output(6, TARE) == pytest.approx(0.0)
 
 
-@pytest.mark.parametrize('tared', [True, False])
-def test_what_a_change_of_model_kept_is_no_tare_after_a_restart_either(restart, warm, tared):
-    assert restart(replace(warm, tared=tared)).compensator.tared == tared
-
-
 def test_a_broken_state_is_said_and_replaced(restart, tmp_path):
     path = tmp_path / 'state.json'
     path.write_bytes(b'{')
@@ -166,9 +161,12 @@ def test_a_tare_that_is_not_saved_brings_back_no_older_one(restart, warm, tmp_pa
     assert not (tmp_path / 'state.json').exists()
 
 
-def test_what_is_doubted_of_the_zero_and_the_driver_outlive_a_restart(restart, warm):
-    state = replace(warm, zero_doubts=('the frame was moved',), drivers=('abc',), payload='day-1')
+@pytest.mark.parametrize('tared', [True, False])
+def test_what_is_known_of_the_zero_and_the_driver_outlives_a_restart(restart, warm, tared):
+    doubts = ('the frame was moved',)
+    state = replace(warm, tared=tared, zero_doubts=doubts, drivers=('abc',), payload='day-1')
     restarted = restart(state)
+    assert restarted.compensator.tared == tared
     assert restarted.compensator.zero_doubts == ['the frame was moved']
     counts = restarted.keeper.counts
     assert (counts.drivers, counts.payload) == ({'abc'}, 'day-1')
