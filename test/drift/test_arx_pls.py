@@ -1,5 +1,3 @@
-"""The inner model of ARX-PLS: its free run."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""docs/interface.md is what the code says."""
-
 from pathlib import Path
 
 INTERFACE = Path(__file__).parents[2] / 'docs/interface.md'

@@ -1,5 +1,3 @@
-"""The ``--help`` of both nodes."""
-
 import pytest
 
 from wrist_ft_comp.node import compensator_node, simulated_sensor

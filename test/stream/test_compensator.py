@@ -14,7 +14,7 @@ from wrist_ft_comp.recordings.sample_checks import grid_samples
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.drift_limits import axis_limits, Limits
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
-from wrist_ft_comp.stream.drift_warnings import gap_doubts, seldom_doubts
+from wrist_ft_comp.stream.drift_warnings import seldom_doubts
 
 SECOND = 1_000_000_000
 LOAD = np.array([50.0, -20.0, 100.0, 3.0, -1.0, 2.0])
@@ -367,16 +367,6 @@ class TestTare:
                 compensator.set_tare(LOAD, at)
         assert not any('by the first temperature' in why for why in compensator.zero_doubts)
 
-    @pytest.mark.parametrize('rises', [False, True])
-    def test_a_gap_of_a_quiet_robot_that_moves_after_it_is_doubted(self, make_model, rises):
-        model = make_model({'force_z': (1.0, 0.0, 300.0)}, range_c=(20.0, 60.0))
-        model = replace(model, deviation={'force_z': 0.02})
-        compensator = Compensator(1, StreamSettings(), model)
-        for second in (*range(2500), *range(3300, 3400)):
-            warmer = rises * max(second - 3300, 0) / 100
-            compensator.add_temperature(0, second * SECOND, 30.0 + warmer)
-        assert bool(gap_doubts(compensator.tracker)) == rises
-
     @pytest.mark.parametrize('back', [True, False])
     def test_thermometers_that_were_exchanged_are_said_until(self, make_model, back):
         model = make_model({'force_z': (0.4, 0.0, 30.0)}, thermometers=2)
@@ -419,14 +409,6 @@ class TestTare:
         assert np.abs(compensator.target.zero - compensator.compensation_at(at).zero).max() > 1
         compensator.go_live(replace(model, day_limits={}), (at, LOAD.tolist()))
         assert 'lagged behind when the model was changed' in compensator.zero_doubts[0]
-
-    @pytest.mark.parametrize('pause_s', [100, 600])
-    def test_a_pause_of_a_thermometer_that_reports_seldom_is_no_gap(self, make_model, pause_s):
-        model = make_model({'force_z': (1.0, 0.0, 300.0)}, range_c=(20.0, 60.0))
-        compensator = Compensator(1, model=replace(model, deviation={'force_z': 0.02}))
-        for second in (*range(0, 3000, 100), *range(2900 + pause_s, 4000, 100)):
-            compensator.add_temperature(0, second * SECOND, 30.0 + 4 * np.sin(second / 300))
-        assert bool(gap_doubts(compensator.tracker)) == (pause_s > 200)
 
     def test_a_tare_is_kept_by_cells_of_its_own_time(self, model):
         compensator = Compensator(1, StreamSettings(), model)

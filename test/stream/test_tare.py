@@ -1,5 +1,3 @@
-"""Taring: a mean over some time, and when it is refused."""
-
 import math
 
 import numpy as np

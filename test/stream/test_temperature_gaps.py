@@ -1,4 +1,4 @@
-"""Warm restarts: a stream that was killed and went on, against one that never stopped."""
+"""Gaps and warm restarts: what went on after them, against what never stopped."""
 
 from dataclasses import replace
 import math
@@ -275,28 +275,35 @@ def test_a_zero_that_is_made_while_the_drift_may_be_off_is_doubted(
         assert said == [True] * is_doubted
 
 
-@pytest.mark.parametrize('hours', [0, 12])
-def test_a_clock_that_stood_still_over_the_night_is_seen_by_the_temperatures(make_model, hours):
+@pytest.mark.parametrize(('away_s', 'morning_c', 'has_soaked', 'is_doubted'), [
+    (40, 29.5, False, False), (40, 22.0, True, False),
+    (43_200, 22.0, True, False), (43_200, 35.0, True, True),
+], ids=['no night', 'a clock that stood still', 'a night', 'a warm morning'])  # fmt: skip
+def test_a_sensor_as_cold_as_a_room_has_soaked_over_the_night(
+    make_model, away_s, morning_c, has_soaked, is_doubted
+):
     model = doubting(make_model, 1200.0)
-    evening, morning = (Compensator(1, model=model) for _ in range(2))
+    evening, morning, soaked = (Compensator(1, model=model) for _ in range(3))
     heat(range(1200), lambda second: 22.0 + second / 150, evening)
-    morning.resume(evening.memory(), 40.0)
-    heat(range(1240, 1310), 22.0 if hours else 29.5, morning)
-    soaked = Compensator(1, model=model)
-    heat(range(70), 22.0, soaked)
+    morning.resume(evening.memory(), float(away_s))
+    heat(range(1200 + away_s, 1270 + away_s), morning_c, morning)
+    heat(range(70), morning_c, soaked)
     apart_n = abs(morning.tracker.drift.zero - soaked.tracker.drift.zero)[2]
-    assert (apart_n < 0.01) == bool(hours)
-    assert not gap_doubts(morning.tracker)
-
-
-@pytest.mark.parametrize(('morning_c', 'is_doubted'), [(22.0, False), (35.0, True)])
-def test_after_a_night_a_sensor_as_cold_as_a_room_has_soaked(make_model, morning_c, is_doubted):
-    model = doubting(make_model)
-    evening, morning = (Compensator(1, model=model) for _ in range(2))
-    heat(range(1200), lambda second: 22.0 + second / 100, evening)
-    morning.resume(evening.memory(), 12 * 3600.0)
-    heat(range(1200 + 12 * 3600, 1270 + 12 * 3600), morning_c, morning)
+    assert (apart_n < 0.01) == has_soaked
     assert bool(gap_doubts(morning.tracker)) == is_doubted
+
+
+@pytest.mark.parametrize(('gap', 'moves', 'is_said'), [
+    ((2500, 3300, 1), lambda _: 0.0, False), ((2500, 3300, 1), lambda at: max(at - 3300, 0), True),
+    ((3000, 3000, 100), lambda at: 400 * math.sin(at / 300), False),
+    ((3000, 3500, 100), lambda at: 400 * math.sin(at / 300), True),
+], ids=['quiet', 'moves after it', 'reports seldom', 'pauses'])  # fmt: skip
+def test_a_gap_is_doubted_where_a_robot_moves(make_model, gap, moves, is_said):
+    end, begin, every_s = gap
+    compensator = Compensator(1, model=doubting(make_model, 300.0))
+    seconds = *range(0, end, every_s), *range(begin, begin + 500, every_s)
+    heat(seconds, lambda second: 30.0 + moves(second) / 100, compensator)
+    assert bool(gap_doubts(compensator.tracker)) == is_said
 
 
 @pytest.mark.parametrize('cell_s', [1, 120])

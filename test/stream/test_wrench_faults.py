@@ -1,4 +1,4 @@
-"""Readings that no sensor makes: frozen, saturated, in kelvins."""
+"""Readings that no sensor makes: frozen, saturated, zeroed by a driver."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,3 @@
-"""What the command learns from a file is what the node takes off, by its accelerometer."""
-
 from dataclasses import replace
 import json
 

@@ -1,5 +1,3 @@
-"""The running node imports only what it needs: it fits in another process."""
-
 HEAVY = (
     'matplotlib', 'rosbags', 'pandas', 'scipy', 'jinja2', 'rich', 'wrist_ft_comp.cli',
     'wrist_ft_comp.fit.auto_method', 'wrist_ft_comp.fit.calibrate', 'wrist_ft_comp.report',

@@ -1,5 +1,3 @@
-"""The SROS2 policy grants the node what it has, and nothing more."""
-
 from pathlib import Path
 from xml.etree import ElementTree as ET
 

@@ -1,5 +1,3 @@
-"""A node knows whether its model is of its sensor."""
-
 import math
 from pathlib import Path
 import shutil

@@ -1,5 +1,3 @@
-"""With a slow disk no callback waits, and no answer comes before its file."""
-
 import json
 import os
 import time

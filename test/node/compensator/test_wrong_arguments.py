@@ -1,5 +1,3 @@
-"""Every argument of the node, wrong in every way: a sentence, and never a traceback."""
-
 import gc
 
 import pytest

@@ -1,5 +1,3 @@
-"""The commands of README and of what lies behind it, run as they are written, on bags."""
-
 import numpy as np
 
 from wrist_ft_comp.simulation import ft_sensor
