@@ -41,13 +41,16 @@ def test_links_lead_somewhere(document):
 
 
 @every_document
-def test_files_that_are_named_exist(document):
+def test_files_and_targets_of_make_that_are_named_exist(document):
     for name in re.findall(r'`([\w./-]+/[\w.-]+\.?\w*)`', outside_blocks(document)):
         first = name.split('/')[0]
         if first in CODE:
             assert (ROOT / name).exists(), name
         elif (ROOT / 'wrist_ft_comp' / first).is_dir() and name.endswith('.py'):
             assert (ROOT / 'wrist_ft_comp' / name).exists(), name
+    makefile = (ROOT / 'Makefile').read_text('utf-8')
+    for target in re.findall(r'`make ([\w-]+)', document.read_text('utf-8')):
+        assert re.search(rf'^{target}:', makefile, re.M), target
 
 
 def test_architecture_names_where_things_are():
@@ -59,13 +62,6 @@ def test_architecture_names_where_things_are():
         code = (folder / file).read_text('utf-8')
         for name in definition.split('.'):
             assert re.search(rf'(?:def|class) {name}\b', code), (file, name)
-
-
-@every_document
-def test_targets_of_make_that_are_named_exist(document):
-    makefile = (ROOT / 'Makefile').read_text('utf-8')
-    for target in re.findall(r'`make ([\w-]+)', document.read_text('utf-8')):
-        assert re.search(rf'^{target}:', makefile, re.M), target
 
 
 @every_document

@@ -5,8 +5,7 @@ import re
 
 def test_half_an_hour_full_of_events_brings_no_finding(run_python):
     words = '--hours', '0.5', '--every', '100', '--seed', '3'
-    code, printed, errors = run_python('bench/faults/truth.py', *words)
-    assert code == 0, printed + errors
+    printed = run_python('bench/faults/truth.py', *words)
     found = re.search(r'^(\d+) events .* 0 findings; 0\.0 false warnings', printed, re.MULTILINE)
     assert found, printed
     assert int(found[1]) >= 8, printed

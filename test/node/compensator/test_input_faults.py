@@ -408,22 +408,19 @@ class TestTemperature:
         assert node.node.compensator.compensation.zero[2] == pytest.approx(5.05, abs=0.011)
         unharmed(node)
 
-    def test_a_temperature_without_stamps_or_of_two_publishers_is_a_warning(self, warm, warns):
-        node = warm()
-        node.warm(0, 30.0)
-        words = 'thermometer 1 does not stamp its readings; the time of arrival is taken'
-        warns(node, 'temperature', words)
-        assert node.node.compensator.tracker.clocks._clocks[0].kept.stamp_ns > START
-        node.node.count_publishers = lambda _: 2
-        warns(node, 'temperature', 'thermometer 1 has 2 publishers; their readings are mixed')
-
-    def test_two_thermometers_by_turns_on_one_topic_are_a_warning(self, warm, warns):
+    def test_temperatures_without_stamps_or_of_two_sources_are_a_warning(self, warm, warns):
         node = warm()
         for second, frame in enumerate(('tool0', 'motor'), start=START // SECOND + 20):
             message = Temperature(temperature=30.0)
             message.header.frame_id, message.header.stamp.sec = frame, second
             node.put_temperature_bytes(0, serialize_message(message))
         warns(node, 'temperature', 'temperatures of motor and tool0 come by turns, and are mixed')
+        node.warm(0, 30.0)
+        words = 'thermometer 1 does not stamp its readings; the time of arrival is taken'
+        warns(node, 'temperature', words)
+        assert node.node.compensator.tracker.clocks._clocks[0].kept.stamp_ns > START
+        node.node.count_publishers = lambda _: 2
+        warns(node, 'temperature', 'thermometer 1 has 2 publishers; their readings are mixed')
 
 
 class TestQualityOfService:

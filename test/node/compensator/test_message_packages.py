@@ -6,6 +6,7 @@ from pathlib import Path
 import sys
 
 from geometry_msgs.msg import TransformStamped
+from moments import SECOND, START
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -14,8 +15,6 @@ pytestmark = pytest.mark.skipif(
     not BUILT.with_name('.messages').exists(),
     reason='no messages are built: make build/.messages (cmake, ninja, a C++ compiler)',
 )
-SECOND = 1_000_000_000
-START = 1_700_000_000
 #: A process that publishes the message of another version of the package.
 OLDER = f"""
 import ctypes, pathlib, sys, time
@@ -66,12 +65,12 @@ def test_gravity_comes_by_tf_from_real_transforms(packages, wired, bench):
     static = bench.helper.create_publisher(packages[1], '/tf_static', latched)
     static.publish(packages[1](transforms=[_transform('flange', 'tool0', 0)]))
     node = wired(parameters={'gravity.source': 'tf', 'gravity.frame': 'base'})
-    node.put(START * SECOND, [0.0] * 6)  # tells the frame, tool0
+    node.put(START, [0.0] * 6)  # tells the frame, tool0
     moving = bench.publisher(packages[1], '/tf')
     second = iter(range(10**6))
 
     def felt(status):
-        at = START + next(second)
+        at = START // SECOND + next(second)
         moving.publish(packages[1](transforms=[_transform('base', 'flange', at)]))
         return status.values['force_rate_hz'] != '0.0'
 
