@@ -126,15 +126,10 @@ def make_working_day(make_recording, warm_up):
     return make
 
 
-@pytest.fixture(scope='session')
-def write_table():
+def _write_table(path, columns):
     """Write columns by name as a CSV file; None and NaN become empty cells."""
-
-    def write(path, columns):
-        pandas.DataFrame(columns).to_csv(path, index=False)
-        return path
-
-    return write
+    pandas.DataFrame(columns).to_csv(path, index=False)
+    return path
 
 
 def _warm_day(seconds, seed):
@@ -172,12 +167,12 @@ def _loaded(seconds=600, seed=0):
 
 
 @pytest.fixture(scope='session')
-def make(write_table):
-    return SimpleNamespace(csv=write_table, drifting=_drifting, loaded=_loaded)
+def make():
+    return SimpleNamespace(csv=_write_table, drifting=_drifting, loaded=_loaded)
 
 
 @pytest.fixture(scope='session')
-def write_working_day(write_table):
+def write_working_day():
     """Write such a day as a CSV file, with more columns by name."""
 
     def write(path, day, more=None):
@@ -187,7 +182,7 @@ def write_working_day(write_table):
             **dict(zip(FORCE_CHANNELS, day.specific_force.T, strict=True)),
             'rotation_speed': day.rotation_speed, **(more or {}),
         }  # fmt: skip
-        return write_table(path, columns)
+        return _write_table(path, columns)
 
     return write
 

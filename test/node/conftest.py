@@ -281,10 +281,6 @@ class Bench:
     def call(self, service_type, name, request):
         return self.ask(service_type, name, request).get(timeout=TIMEOUT_S)
 
-    def wait_for_node(self, name):
-        """Wait for a process's node; one of the test before may still be listed by its name."""
-        self.wait_until(lambda: name in self.helper.get_node_names(), f'the node {name}')
-
     def wait_until(self, condition, what):
         pause = threading.Event()
         for _ in range(int(TIMEOUT_S / 0.01)):

@@ -153,12 +153,8 @@ def test_what_is_wrong_with_an_imu_is_said(start):
         assert [why.removesuffix(', and are mixed') for why in found] == said
 
 
-@pytest.fixture
-def forces():
-    return RecentForces(0.2)
-
-
-def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest(forces):
+def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest():
+    forces = RecentForces(0.2)
     assert forces.at(0) is None
     for k in range(5):
         forces.add(START + 10 * k, (k, 0.0, 0.0))
@@ -170,7 +166,8 @@ def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest(force
     assert forces.at(START + 40) is None, 'a clock that is ahead'
 
 
-def test_a_late_sample_is_left_out_and_another_time_begins_anew(forces):
+def test_a_late_sample_is_left_out_and_another_time_begins_anew():
+    forces = RecentForces(0.2)
     forces.add(START, UP)
     forces.add(START - SECOND // 10, AWAY)
     assert forces.at(START) == forces.at(START - SECOND // 10) == UP

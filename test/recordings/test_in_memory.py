@@ -27,8 +27,8 @@ def columns():
 
 
 @pytest.fixture
-def as_csv(tmp_path, write_table):
-    return lambda table: write_table(tmp_path / 'table', table)
+def as_csv(tmp_path, make):
+    return lambda table: make.csv(tmp_path / 'table', table)
 
 
 def assert_same(one, other):

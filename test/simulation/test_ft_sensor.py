@@ -36,19 +36,16 @@ def test_bridge_agrees_with_circuit_analysis():
         assert ft_sensor.bridge_output(r, d) == pytest.approx(outputs_v[0] - outputs_v[1])
 
 
-def test_nominal_gain_holds_at_the_nominal_temperature(sensor):
-    nominal = np.full(CELLS + 2, ft_sensor.NOMINAL_C)
-    np.testing.assert_allclose(measured_wrench(sensor, nominal, UNLOADED), 0, atol=1e-9)
-    np.testing.assert_allclose(measured_wrench(sensor, nominal, LOAD), LOAD, rtol=1e-12)
-
-
-def test_gain_falls_by_about_four_hundredths_of_a_percent_per_kelvin(sensor):
-    def gain(temperature_c):
+def test_the_gain_is_nominal_at_one_temperature_and_falls_by_0_04_percent_per_kelvin(sensor):
+    def output_and_gain(temperature_c):
         nodes_c = np.full(CELLS + 2, temperature_c)
-        loaded = measured_wrench(sensor, nodes_c, LOAD)
-        return (loaded - measured_wrench(sensor, nodes_c, UNLOADED)) / LOAD
+        unloaded = measured_wrench(sensor, nodes_c, UNLOADED)
+        return unloaded, (measured_wrench(sensor, nodes_c, LOAD) - unloaded) / LOAD
 
-    slope = (gain(45.0) - gain(25.0)) / 20.0
+    unloaded, gain = output_and_gain(ft_sensor.NOMINAL_C)
+    np.testing.assert_allclose(unloaded, 0, atol=1e-9)
+    np.testing.assert_allclose(gain, 1, rtol=1e-12)
+    slope = (output_and_gain(45.0)[1] - output_and_gain(25.0)[1]) / 20.0
     np.testing.assert_allclose(slope, -4e-4, atol=0.3e-4)
 
 

@@ -73,11 +73,6 @@ def test_the_file_of_parameters_that_is_installed_is_taken(bench, tmp_path):
     }
 
 
-def test_recordings_elsewhere_are_refused(rig):
-    refusal = rig().refused_value('calibration.recordings', ['/etc/passwd'])
-    assert 'must lie inside data_directory' in refusal
-
-
 def test_a_calibration_takes_the_parameters_of_its_time(rig):
     topics = ['temperature', 'state:joints[2].heat:K', '/far/temperature', 'state:data.3']
     node = rig(topics=topics)
@@ -95,6 +90,8 @@ def test_a_calibration_takes_the_parameters_of_its_time(rig):
     assert (job.topics.wrench, job.topics.reference) == tuple(names)
     assert node.set('calibration.recordings', ['recordings/b.csv', '']).successful
     assert node.set('calibration.reference', 'recorded').successful
+    elsewhere = node.refused_value('calibration.recordings', ['/etc/passwd'])
+    assert 'must lie inside data_directory' in elsewhere
     job = node.node.jobs.job()
     assert (job.recordings, job.skip_unusable) == (recordings[1:], False)
     assert job.settings.reference == 'recorded'

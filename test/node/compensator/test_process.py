@@ -17,7 +17,6 @@ def test_the_end_of_a_node_ends_its_calibration_too(bench, executable, tmp_path,
     given = f'data_directory:={tmp_path / "data"}', f'calibration.recordings:=[{metadata.parent}]'
     words = ['-r', '__ns:=/fits', '-r', '__node:=fits', '-p', given[0], '-p', given[1]]
     process = executable('wrist_ft_comp.node.compensator_node', *words, may_be_killed=True)
-    bench.wait_for_node('fits')
     answers = bench.ask(Trigger, '/fits/fits/calibrate', Trigger.Request())
 
     def nobody_reads():
