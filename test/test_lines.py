@@ -10,9 +10,9 @@ ROOT = Path(__file__).parents[1]
 MOST = {
     # Above the goal of 21 500: 1 330 lines came for faults that left 1 to 188 N with every status
     # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
-    'wrist_ft_comp': 22_615,
+    'wrist_ft_comp': 22_614,
     # Above the goal of 19 000, for sixty faults that were found by reading; each test was red.
-    'test': 19_064,
+    'test': 19_065,
     # Up by 3: thermometers of the machine of truth lose samples.
     'bench': 5_197,
 }

@@ -252,9 +252,8 @@ class WrenchInput(Part):
                 f'wrenches wait {behind_s:.1f} s in this node, and force comes that late: the '
                 'computer is too busy; give it less to do, or send fewer wrenches'
             )
-        if self.hub.get_parameter('use_sim_time').value and not self.hub.count_publishers(
-            '/clock'
-        ):
+        simulated = self.hub.get_parameter('use_sim_time').value
+        if simulated and not self.hub.count_publishers('/clock'):
             yield (
                 'use_sim_time is true, and nobody publishes /clock: times are unknown; on a robot '
                 'set it to false at the start'

@@ -37,8 +37,8 @@ _REPORTS = 10
 #: The norm of a calibrated accelerometer deviates from gravity by less than this share of it, or
 #: by more to both sides, as motion makes it.
 _NORM_DEVIATION = 0.03
-#: Specific force that is stamped farther ahead of the wrench, s, is of another clock: its weight
-#: is taken off so much later.
+#: Specific force whose stamps are further ahead of those of the wrench, s, is of another clock,
+#: and the weight that is taken off is as old.
 _AHEAD_S = 0.3
 #: More of the wrenches than this share without fresh specific force are a warning.
 _MISSED_SHARE = 0.1

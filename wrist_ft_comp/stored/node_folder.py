@@ -243,5 +243,5 @@ def _unused(folder: Path, stem: str, suffix: str) -> Path:
     # Where the clock ran back: after the newest, as the newest are taken by their names.
     stamps = (re.match(rf'{stem}_(\d{{8}}T\d{{6}}Z)', path.name) for path in folder.glob('*'))
     now = max([now, *(found[1] for found in stamps if found)])
-    names = chain((f'{stem}_{now}',), (f'{stem}_{now}_{number}' for number in count(2)))
+    names = chain((f'{stem}_{now}',), (f'{stem}_{now}_{number:03}' for number in count(2)))
     return next(path for name in names if not (path := folder / f'{name}{suffix}').exists())

@@ -350,7 +350,7 @@ class Kind(Output):
         return self.restore(record, path, self.document(path, self.read(path)))
 
     def save(
-        self, path: Path, content: Document, indent: int | None = 1, record: Any = dict
+        self, path: Path, content: Document, indent: int | None = 1, record: Any = None
     ) -> None:
         """
         Write plain values as a JSON file of this kind and version.
@@ -362,7 +362,7 @@ class Kind(Output):
         if beginning(path) and not kept.exists():
             try:
                 document = self.document(path, self.read(path))
-                if record is not dict:
+                if record is not None:
                     self.restore(record, path, document)
             except self.error:
                 with suppress(OSError):  # writing says why it cannot be written
