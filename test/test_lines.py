@@ -12,7 +12,7 @@ MOST = {
     # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
     'wrist_ft_comp': 22_614,
     # Above the goal of 19 000, for sixty faults that were found by reading; each test was red.
-    'test': 19_065,
+    'test': 19_066,
     # Up by 3: thermometers of the machine of truth lose samples.
     'bench': 5_197,
 }
