@@ -100,6 +100,19 @@ def test_wrong_first_readings_are_forgotten_and_it_is_said(make_model):
     assert compensator.tracker.drift.zero[2] == pytest.approx(14.0)
 
 
+def test_cells_of_a_minute_are_said_to_be_behind_and_a_tare_of_then_to_be_off(make_model):
+    model = make_model({'force_z': (2.0, 0.0, 1.0)}, period_s=60.0)
+    compensator = Compensator(1, model=model)
+    for second in range(600):
+        compensator.add_temperature(0, second * SECOND, 20.0 + second / 120.0)  # 1 N a minute
+    (doubt,) = seldom_doubts(compensator.tracker, compensator.moves)
+    assert 'followed every 60 s, so that the drift of force_z may be 1 N behind' in doubt
+    compensator.set_tare(np.zeros(6), 600 * SECOND)
+    for second in range(600, 720):
+        compensator.add_temperature(0, second * SECOND, 20.0 + second / 120.0)
+    assert 'the drift of force_z may be 1 N off in it' in compensator.zero_doubts[0]
+
+
 @pytest.mark.parametrize('rounded_k', [0.0, 0.5])
 def test_seldom_reports_are_followed_on_a_ramp_and_said_how_far_behind(make_model, rounded_k):
     """1 K, or 2 N, in 30 s: reported each 30 s, or when it has changed by half a kelvin."""
@@ -118,7 +131,7 @@ def test_seldom_reports_are_followed_on_a_ramp_and_said_how_far_behind(make_mode
             spacing_s = 15 if rounded_k else 30
             assert abs(2.0 * second / 30.0 - drifts[-1]) <= behind + 0.1 < 2.3 * spacing_s / 15
             (doubt,) = seldom_doubts(compensator.tracker, compensator.moves)
-            assert f'reports every {spacing_s} s' in doubt
+            assert f'is followed every {spacing_s} s' in doubt
             assert f'force_z may be {behind:.2g} N behind' in doubt
     assert np.abs(np.diff(drifts))[200:].max() < 0.1, 'a step of 2 N otherwise'
     assert not compensator.limits.too_fast

@@ -73,18 +73,18 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
 
 def seldom_doubts(tracker: DriftTracker, moves: Mapping[int, FloatArray]) -> list[str]:
     """
-    Say whose seldom reports leave more of the drift than the model does.
+    Say whose seldom reports, or long cells, leave more of the drift than the model does.
 
     Takes how far the last report of each thermometer moved the drift, N and N m, (6,).
     """
     sentences = []
     for j, behind in moves.items():
-        worst, spacing = _off(tracker.model, behind, times=1.0), tracker.grid.spacing(j)
-        if spacing > 1 and worst:
-            spacing_s = spacing * tracker.grid.period_ns / NANOSECONDS
+        worst = _off(tracker.model, behind, times=1.0)
+        spacing_s = tracker.grid.spacing(j) * tracker.grid.period_ns / NANOSECONDS
+        if spacing_s > 1 and worst:
             sentences.append(
-                f'thermometer {j + 1} reports every {spacing_s:.3g} s, so that {worst} '
-                'behind; let it report each second'
+                f'thermometer {j + 1} is followed every {spacing_s:.3g} s, so that {worst} '
+                'behind; let it report each second, and calibrate from such reports'
             )
     return sentences
 

@@ -336,7 +336,7 @@ TEMPERATURES = {
     ),
     'seldom': (
         [(50, 30.0), (80, 30.0), (110, 30.0), (140, 37.0)],
-        'reports every 30 s, so that the drift of force_z may be 0.17 N behind',
+        'is followed every 30 s, so that the drift of force_z may be 0.17 N behind',
         # A ramp of 7 K in 30 s, seen by a lag of 300 s.
         5.0 + 0.5 * 7.0 * (1 - 10 * (1 - math.exp(-0.1))),
     ),
