@@ -13,8 +13,8 @@ MOST = {
     'wrist_ft_comp': 22_614,
     # Above the goal of 19 000, for sixty faults that were found by reading; each test was red.
     'test': 19_066,
-    # Up by 3: thermometers of the machine of truth lose samples.
-    'bench': 5_197,
+    # Up by 6: thermometers of the machine of truth lose samples; processes of benches end cleanly.
+    'bench': 5_200,
 }
 
 

@@ -78,7 +78,11 @@ def make_model(folder: Path) -> Path:
 
 @contextmanager
 def process(*words: str) -> Iterator['subprocess.Popen[str]']:
-    """Run Python with these words; ended by its own id."""
+    """
+    Run Python with these words; ended by its own id, unless it ends with its standard input.
+
+    A sensor that is killed may hold a lock of the shared memory for which a node would wait.
+    """
     running = subprocess.Popen(
         [sys.executable, *words],
         stdin=subprocess.PIPE,
@@ -89,9 +93,13 @@ def process(*words: str) -> Iterator['subprocess.Popen[str]']:
     try:
         yield running
     finally:
-        if running.poll() is None:
+        assert running.stdin is not None  # noqa: S101 -- as opened above
+        running.stdin.close()
+        try:
+            running.wait(timeout=1)
+        except subprocess.TimeoutExpired:
             running.send_signal(signal.SIGTERM)
-            running.communicate('end\n', timeout=20)
+            running.wait(timeout=20)
 
 
 def processor_us(pid: int) -> float:
@@ -100,17 +108,12 @@ def processor_us(pid: int) -> float:
     return sum(int(task.read_text().split()[0]) for task in tasks) / 1e3
 
 
-def order(running: 'subprocess.Popen[str]', words: str) -> None:
-    """Give an order to a process of ours."""
-    assert running.stdin is not None  # noqa: S101 -- as ``process`` opens it
-    running.stdin.write(words + '\n')
-    running.stdin.flush()
-
-
 def ask(running: 'subprocess.Popen[str]', words: str) -> Any:
     """Give an order, and wait for its answer."""
-    order(running, words)
-    return json.loads(running.stdout.readline() if running.stdout else '')
+    assert running.stdin and running.stdout  # noqa: S101, PT018 -- as ``process`` opens them
+    running.stdin.write(words + '\n')
+    running.stdin.flush()
+    return json.loads(running.stdout.readline())
 
 
 def compensator(folder: Path, name: str, *parameters: str, model: bool = True) -> list[str]:
@@ -256,7 +259,7 @@ def measure_lines(
             figures['rates'] += compare(line, rate_hz, seconds, repeats)
         figures['long'] = print_rows({'10 s': [line.measure(NODE, 8000, 10.0)]}, 8000)
         stand.write_warm_up(folder / NODE / 'recordings/warm_up.csv', 4 * 3600)
-        order(line.receiver, f'calibrate {NODE}')
+        ask(line.receiver, f'calibrate {NODE}')
         figures['calibration'] = during(
             'calibrating', lambda: line.calibrated, line, NODE, seconds
         )

@@ -7,6 +7,7 @@ answer with one line of JSON each.
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import chain
 import json
 import signal
 import struct
@@ -142,7 +143,7 @@ class Receiver:
         """Obey ``take`` and ``calibrate NAMESPACE`` until standard input ends."""
         executor = EventsExecutor(context=context)
         executor.add_node(self._node)
-        orders = (line.strip() for line in sys.stdin)
+        orders = chain((line.strip() for line in sys.stdin), ['end'])
         threading.Thread(target=lambda: self._orders.extend(orders), daemon=True).start()
         while 'end' not in self._orders:
             executor.spin_once(timeout_sec=0.02)
@@ -157,7 +158,6 @@ class Receiver:
             client.wait_for_service()
             answer = client.call_async(Trigger.Request())
             answer.add_done_callback(lambda done: self._calibrated.append(done.result().message))
-            return
         received = {
             name: {**latencies(came), **self._counted[name], 'external': len(self._external[name])}
             for name, came in self._came.items()
