@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.payload.weight_check import WeightCheck
+from wrist_ft_comp.payload.weight_check import HiddenWeight, WeightCheck
 
 
 @pytest.mark.parametrize(('gain', 'contact_n', 'words'), [
@@ -65,6 +65,24 @@ def test_a_weight_that_turns_otherwise_than_specific_force_says(leans_deg, found
         check.add(np.append(force_n, np.zeros(3)), np.append(11.8 * np.array(up), np.zeros(3)))
         said = said or check.found
     assert ('mirrored, turned otherwise, or stands still: is z of' in said) == found
+
+
+def test_the_friction_of_a_sander_in_circles_is_no_weight():
+    rng, check = np.random.default_rng(3), WeightCheck('tool')
+    for second in np.arange(0.0, 600.0, 1.01):
+        weight = np.array([0.0, 0.0, -19.6, 0.0, 0.0, 0.0])
+        sands = np.array([16.0 * np.cos(second), 16.0 * np.sin(second), 40.0, 0.0, 0.0, 0.0])
+        check.add(weight + sands * (second % 60 < 50) + rng.normal(0, 0.05, 6), weight)
+        assert check.found == ''
+
+
+@pytest.mark.parametrize('every_s', [5, 60])
+def test_names_that_change_do_not_put_off_that_a_weight_is_hidden(every_s):
+    check, weight_n = HiddenWeight(), np.array([0.0, 0.0, -11.8])
+    for second in range(100):
+        if second % every_s == 0:
+            check.expect(float(second), -1.0)
+        assert check.look(float(second), -1.0, -weight_n, weight_n) == (second > 10)
 
 
 def test_a_sensor_of_forces_alone_has_no_centre_of_mass():

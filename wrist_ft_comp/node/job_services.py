@@ -164,8 +164,7 @@ class Jobs(Part):
     def statuses(self) -> Iterator[Status]:
         """Report recording, running calibration, and last outcome."""
         recorder, recording = self.recorder, self.recorder.current
-        answer, is_refused = self.hub.answers.get('~/calibrate', ('none yet', False))
-        numbers = {'last': answer}
+        numbers = {'last': self.hub.answers.get('~/calibrate', 'none yet')}
         level, message = OK, 'recording' if recording else 'idle'
         if recording is not None:
             numbers['recording'] = str(recorder.path)
@@ -175,6 +174,4 @@ class Jobs(Part):
             message = f'running for {running_s:.0f} s'
         elif trouble := recorder.failure or recorder.doubt():
             level, message = WARN, trouble
-        elif is_refused and recording is None:
-            level, message = WARN, f'the last one was refused: {answer}'
         yield Status(self.title, level, message, numbers)

@@ -161,6 +161,8 @@ class Recorder(Part):
         }
         if recording.has_reference:
             sources['wrench_reference'] = REFERENCE_CHANNELS
+        if self._with_force:
+            sources['specific force'] = FORCE_CHANNELS
         return {
             source: channels
             for source, channels in sources.items()

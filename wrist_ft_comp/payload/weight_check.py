@@ -140,8 +140,12 @@ class WeightCheck:
         centers = np.linalg.pinv(rows) @ (squares[:, 1:] - squares[:, :1])[..., np.newaxis]
         distances = np.linalg.norm(points - centers.swapaxes(1, 2), axis=2)
         radius_n = np.median(np.linalg.norm(weights, axis=1))
-        on_sphere = np.abs(distances / radius_n - 1) < _THICK
-        return bool(on_sphere.mean(axis=1).max() >= _ON_SPHERE)
+        best = max(np.abs(distances / radius_n - 1) < _THICK, key=np.mean)
+        if best.mean() < _ON_SPHERE:
+            return False
+        # One circle, as of the friction of a sander, lies on spheres of every radius.
+        depth_n = np.linalg.svd(points[best] - points[best].mean(axis=0))[1][-1]
+        return bool(depth_n >= _MOVED_N)
 
     def _is_against(self) -> bool | None:
         """
@@ -299,15 +303,16 @@ class HiddenWeight:
     def expect(self, now_s: float, tared_s: float) -> None:
         """Take that a payload is active from now on, and was not at the tare."""
         if self._shown_s <= tared_s:
-            self._hidden_s = now_s
+            self._hidden_s = min(self._hidden_s, now_s)
 
     def look(self, now_s: float, tared_s: float, rest_n: FloatArray, weight_n: FloatArray) -> bool:
         """Take the force without the weight, and the weight, (3,); True where it is hidden."""
-        if 2 * np.linalg.norm(rest_n) < np.linalg.norm(weight_n):
+        off_n, size_n = float(np.linalg.norm(rest_n)), float(np.linalg.norm(weight_n))
+        if off_n < max(_NEAR_N, size_n / 10):  # not by half: a pull may be as large
             self._hidden_s, self._shown_s = math.inf, now_s
         elif tared_s > self._hidden_s:
             self._hidden_s = math.inf
-        return now_s - self._hidden_s > _SHOWN_S
+        return now_s - self._hidden_s > _SHOWN_S and 2 * off_n >= size_n
 
 
 class TareCheck:

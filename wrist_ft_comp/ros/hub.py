@@ -120,8 +120,8 @@ class Hub(Node):
         self.incompatible: dict[str, str] = {}
         #: On which of these they agreed at the last look.
         self._agreed: set[str] = set()
-        #: By name of a service, its last answer, and whether it was a refusal.
-        self.answers: dict[str, tuple[str, bool]] = {}
+        #: By name of a service, its last answer.
+        self.answers: dict[str, str] = {}
         #: Subscriptions that no executor serves; they end with the node.
         self._unserved: list[Any] = []
         self._parameter_table = Parameters(self, table)
@@ -297,7 +297,7 @@ class Hub(Node):
                 message = part.stopped
             else:
                 self.log.warning(f'{offer.name} was refused: {message}')
-            self.answers[offer.name] = message, not success
+            self.answers[offer.name] = message
             reply(success=success, message=message)
         return message
 

@@ -430,7 +430,9 @@ def test_a_tool_that_was_on_at_a_tare_without_its_name_is_a_warning(held, monkey
     for active in ('', 'day-1'):
         part.hub.set(part.part, **{'payload.active': active})
     part.feel(START, UP)
-    for press, hides in ((1.0, not name), (0.0, on and not name)):
+    # A pull of three quarters of the weight proves no tare.
+    pulls = ((1.0, not name), (-0.75, not (on or name)), (1.0, not name), (0.0, on and not name))
+    for press, hides in pulls:
         part.ask(START, weight + CONSTANT - press * weight)
         assert ('the weight of day-1 does not show' in part.status().message) == hides, press
 

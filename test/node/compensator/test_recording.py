@@ -64,12 +64,13 @@ def test_a_recording_is_readable_while_it_runs_and_ends_with_the_node(rig):
     assert len(read_recording(path)) == 4
 
 
-@pytest.mark.parametrize(('wrenches', 'temperatures', 'words'), [
-    (30, 30, ''), (28, 30, ''), (5, 30, '24 of 29 cells hold no wrench'),
-    (30, 0, 'nothing was recorded, because no temperature came'),
+@pytest.mark.parametrize(('wrenches', 'temperatures', 'gravity', 'words'), [
+    (30, 30, 'none', ''), (28, 30, 'none', ''), (5, 30, 'imu', '24 of 29 cells hold no wrench'),
+    (30, 0, 'imu', 'nothing was recorded, because no temperature came'),
+    (30, 30, 'imu', 'specific force reported in no cell'),
 ])  # fmt: skip
-def test_the_answer_says_what_a_recording_lacks(rig, wrenches, temperatures, words):
-    node = rig()
+def test_the_answer_says_what_a_recording_lacks(rig, wrenches, temperatures, gravity, words):
+    node = rig(parameters={'gravity.source': gravity})
     start_recording(node)
     for second in range(30):
         if second < wrenches:
@@ -138,8 +139,8 @@ def test_a_clock_that_is_set_or_begins_anew_begins_another_file(rig, first, begi
 
 def test_starting_twice_and_ending_twice_are_refused(rig):
     node = rig()
-    node.refusal('calibrate')
-    assert node.diagnosis('calibration', 'the last one was refused').level == b'\1'
+    assert node.diagnosis('calibration', 'idle').values['last'] == 'none yet'
+    assert node.refusal('calibrate') == node.diagnosis('calibration', 'idle').values['last']
     assert node.refusal('record', False) == 'No recording runs. Start one with ~/record.'
     path = start_recording(node)
     assert node.diagnosis('calibration').message == 'recording'
