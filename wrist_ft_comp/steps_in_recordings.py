@@ -82,7 +82,7 @@ def find_steps(
     while sizes.max() > SMALLEST_SIGMA:
         at = int(sizes.argmax())
         near = slice(int(first[at]), int(last[at]))
-        found = _explain(time_s[near], values[near], at - near.start, period_s)
+        found = _explain(time_s[near], values[near], at - near.start)
         if found is None:
             sizes[np.abs(between_s - between_s[at]) < BESIDE_S / 4] = 0.0
             continue
@@ -114,9 +114,7 @@ def _line_ends(
     return np.asarray(mean + slope * (at_s - mean_s)[:, None])
 
 
-def _explain(
-    time_s: FloatArray, values: FloatArray, place: int, period_s: float
-) -> tuple[Step, FloatArray] | None:
+def _explain(time_s: FloatArray, values: FloatArray, place: int) -> tuple[Step, FloatArray] | None:
     """
     Explain readings, in units of noise, between place and the next by a step, or give None.
 
@@ -129,9 +127,9 @@ def _explain(
     if not len(firsts) or len(t) < 8:
         return None
     steps = np.asarray(np.arange(len(t))[:, None] >= firsts, dtype=float)
-    least_s = 2 * float(np.diff(t).min())  # readings may come more seldom than cells
-    lags_s = [lag_s for lag_s in _HEAT_S if lag_s >= least_s] or [least_s]
-    last_s = t[firsts - 1] + period_s / 2
+    apart_s = float(np.diff(t).min())  # readings may come more seldom than cells
+    lags_s = [lag_s for lag_s in _HEAT_S if lag_s >= 2 * apart_s] or [2 * apart_s]
+    last_s = t[firsts - 1] + apart_s / 2
     near_heats = _heats(t, np.concatenate((last_s, last_s - 5.0, last_s - 10.0)), lags_s)
     far_s = np.arange(_HIDING_S, BESIDE_S, 10.0)
     far_heats = _heats(t, np.concatenate((t[firsts[0]] - far_s, t[firsts[-1]] + far_s)), lags_s)

@@ -157,9 +157,9 @@ def slow_model(make, tmp_path_factory):
 def test_long_silence_is_named_once_by_every_command_that_reads(  # noqa: PLR0913, PLR0917
     channels, begin_s, end_s, who, run, make, slow_model, tmp_path
 ):
-    columns = make.drifting(3600, 3, every=4)
+    columns = make.drifting(3600, 3)
     for channel in channels:
-        columns[channel][begin_s // 4 : end_s // 4] = [None] * ((end_s - begin_s) // 4)
+        columns[channel][begin_s:end_s] = [None] * (end_s - begin_s)
     path = make.csv(tmp_path / 'day.csv', columns)
     for argv in (
         ['show', path],

@@ -250,12 +250,16 @@ def test_what_cannot_be_told_of_columns_stays_open(header, tmp_path, run):
     assert 'is left open: put its name, or its number' in refused
 
 
-def test_cells_last_as_long_as_the_samples_of_a_slow_log_are_apart(done, tmp_path):
+@pytest.mark.parametrize(('most', 'period_s'), [(1e6, 1), (ROWS * 6, 10), (ROWS / 6, 60)])
+def test_cells_of_a_slow_log_last_a_second_or_as_long_as_it_takes_to_fit(
+    most, period_s, done, tmp_path, monkeypatch
+):
+    monkeypatch.setattr('wrist_ft_comp.recordings.read._MOST_SLOW_CELLS', most)
     path = write(tmp_path / 'log.csv', 't (min),fz (N),temp (C)', (T, FORCE, CELSIUS))
     assert '--thermal-period' not in done('show', path)
     model, columns = tmp_path / 'model.yaml', ['--columns', proposed(done('show', path))[0]]
     done('calibrate', path, '-o', model, '--method', 'pls', *columns)
-    assert 'thermal period 60 s' in done('show', model)
+    assert f'thermal period {period_s} s' in done('show', model)
     done('evaluate', model, path, *columns)
 
 

@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '%(default)s)', default='powers')  # fmt: skip
     parser.add_argument(
         '--thermal-period', type=float, metavar='SECONDS',
-        help='length of a thermal cell (default: 1, or as long as samples are apart)')  # fmt: skip
+        help='length of a thermal cell (default: 1, more for slow logs of days)')  # fmt: skip
     options.add_topics(parser)
     options.add_part_and_report(parser)
 

@@ -157,7 +157,9 @@ def _describe_table(opened: read.OpenTable, progress: Progress) -> Description:
         opened = read.OpenTable(opened.tables, parse_options(topics))
     recording, refusal = None, opened.compensated
     try:
-        recording = read.read_opened(opened, opened.period_s, progress=progress)
+        recording = read.read_opened(
+            opened, read.fitting_period_s([opened.slowness_s]), progress=progress
+        )
     except RecordingError as error:
         if not opened.is_read:
             raise

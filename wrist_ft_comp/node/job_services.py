@@ -1,7 +1,7 @@
 """What runs in a process of its own: how jobs are made and awaited, and the parts that ask."""
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 import sys
 import time
@@ -108,7 +108,8 @@ class Jobs(Part):
                 f'There is no recording in {store.directory / "recordings"}. Record a warm-up '
                 'with ~/record, or set calibration.recordings.'
             )
-        return self.make_job(recordings, skip_unusable=not named)
+        job = self.make_job(recordings, skip_unusable=not named)
+        return replace(job, period_s=self.recorder.period_s)  # not the live model's
 
     @service(
         '~/identify_payload',

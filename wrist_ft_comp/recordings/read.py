@@ -7,6 +7,7 @@ from dataclasses import replace
 import hashlib
 from importlib import import_module
 from itertools import islice
+import math
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -33,6 +34,8 @@ from wrist_ft_comp.units import STAMP, to_celsius
 BAG, TABLE = 'rosbag2', 'table'
 #: Rows of a table that are farther apart are those of a log in another unit, s.
 LONGEST_SPACING_S = 86_400.0
+#: Cells of slow logs in all: a million takes a gigabyte.
+_MOST_SLOW_CELLS = 250_000
 #: Readings of a thermometer without a unit that may be °C, and are as usual in °F.
 MAYBE_F = 55.0, 120.0
 
@@ -196,18 +199,22 @@ class OpenTable:
         self.is_read = True
 
     @property
-    def period_s(self) -> float:
-        """How long thermal cells have to be, s: 1, or as samples of a slow log are apart."""
+    def slowness_s(self) -> tuple[float, float]:
+        """How far samples of a slow log are apart, and how long it lasts, s; else 1 and 0."""
         self.require()
+        pairs = list(zip(self.tables, self.columns, strict=True))
         spacings_s = [
             float(np.median(np.diff(block.stamps_ns))) / NANOSECONDS
-            for table, placed in zip(self.tables, self.columns, strict=True)
+            for table, placed in pairs
             for rows in islice(_rows_of(table, placed), 1)
             for block in samples_of(rows.stamps_ns, rows.values)
             if len(block.stamps_ns) > 1
         ]
         spacing_s = min((s for s in spacings_s if s <= LONGEST_SPACING_S), default=1.0)
-        return float(min(max(round(spacing_s), 1), PERIODS_S[1]))
+        if spacing_s <= 1.0:
+            return 1.0, 0.0
+        ends = [rows.stamps_ns[[0, -1]] for pair in pairs for rows in _rows_of(*pair)]
+        return spacing_s, float(np.ptp(ends)) / NANOSECONDS
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -314,13 +321,24 @@ def _doubt_celsius(source: OpenBag | OpenTable, recording: Recording) -> Iterato
 
 
 def period_of(paths: Iterable[Path], topics: Topics) -> float:
-    """Find how long thermal cells of recordings have to be, s: as the slowest table asks."""
-    periods_s = [1.0]
+    """Find how long thermal cells of recordings have to be, s."""
+    slowness_s = []
     for path in paths:
         if kind_of(path) == TABLE:
             with open_recording(path, topics) as source:
-                periods_s += [source.period_s] if isinstance(source, OpenTable) else []
-    return max(periods_s)
+                slowness_s += [source.slowness_s] if isinstance(source, OpenTable) else []
+    return fitting_period_s(slowness_s)
+
+
+def fitting_period_s(slowness_s: Sequence[tuple[float, float]]) -> float:
+    """
+    Choose the length of thermal cells, s: 1, or more, so that slow logs fit into memory.
+
+    Never longer than their samples are apart: what runs live is one cell behind.
+    """
+    spacings_s, lengths_s = np.reshape([(1.0, 0.0), *slowness_s], (-1, 2)).T
+    fitting_s = math.ceil(lengths_s.sum() / _MOST_SLOW_CELLS)
+    return float(np.clip(fitting_s, 1, min(round(spacings_s.max()), PERIODS_S[1])))
 
 
 def hash_recording(path: Path) -> str:

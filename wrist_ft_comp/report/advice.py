@@ -159,6 +159,8 @@ def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) 
     who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
     what = 'any axis' if len(poor) == len(case.levels) > 1 else axes
     head = f'{who} not explain {what} well: heat enters at a place without one.'
+    if len(case.recordings) > 1:
+        head += ' Or the sensor was exchanged in between: calibrate from the recordings since then.'
     used = {entry.strip('/') for entry in case.thermometers}
     unused: list[str] = []
     with suppress(WristFtCompError, OSError):  # the recording may be gone

@@ -61,7 +61,7 @@ def test_a_calibration_answers_and_goes_live_without_a_step_while_wrenches_go_on
 def check_refused(node, said, *words):
     assert not said.success
     assert all(word in said.message for word in words), said.message
-    status = node.diagnosis('calibration', lambda status: status.level != b'\0')
+    status = node.diagnosis('calibration', 'idle')
     assert status.values['last'] == said.message
     assert stream_goes_on(node)
 
