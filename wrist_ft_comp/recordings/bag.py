@@ -116,7 +116,7 @@ class Bag:
         for connection in found:
             if message_type not in {connection.msgtype, None}:
                 is_heat = message_type == cdr.TEMPERATURE
-                inside = f', or a number inside: {topic}:temperature, :data[0]' if is_heat else ''
+                inside = f', or a number inside: {topic}:FIELD' if is_heat else ''
                 raise RecordingError(
                     f'{connection.topic} of {self.name} is {connection.msgtype}; the {role} must '
                     f'be {message_type}. Name another topic{inside}.'
