@@ -60,12 +60,12 @@ def robot(messages, tmp_path):
         def still(self, stamp_ns=T0, links=None):
             yield '/tf_static', TF, stamp_ns, messages.transforms(stamp_ns, links or self.static)
 
-        def moving(self, seconds, frames=('base', 'arm', 'tool'), little=True):
+        def moving(self, seconds, frames=('base', 'arm', 'tool'), little=True, more=()):
             for second in seconds:
                 at, (base, arm, tool) = T0 + round(second * 1e9), frames
                 one = base, arm, shoulder(second).as_quat()
                 other = arm, tool, -elbow(second).as_quat()  # its sign is free
-                yield '/tf', TF, at, messages.transforms(at, [one, other], little)
+                yield '/tf', TF, at, messages.transforms(at, [one, other, *more], little)
 
         def wrenches(self, seconds=END, frame='ft_sensor'):
             """Write as little of the rest as a recording needs."""
@@ -138,8 +138,9 @@ def test_one_transform_that_is_stamped_ahead_costs_no_force(robot, monkeypatch, 
     np.testing.assert_allclose(force, means(range(END), true_force), atol=0.05)
 
 
-def test_tf_may_lie_in_one_namespace(robot):
-    parts = robot.still(), robot.moving(np.arange(0, END + 0.1, 0.05))
+def test_tf_may_lie_in_one_namespace_and_lose_a_frame(robot):
+    gripped = robot.moving(np.arange(0, REST, 0.05), more=[('tool', 'finger', [0, 0, 0, 1])])
+    parts = robot.still(), gripped, robot.moving(np.arange(REST, END + 0.1, 0.05))
     inside = [(f'/left{topic}', *rest) for part in parts for topic, *rest in part]
     one = robot.write(inside, robot.wrenches())
     force = read_recording(one, topics=BY_TF).specific_force

@@ -351,7 +351,8 @@ def _add_transforms(
     """Take the transforms of messages in; returns their stamps, ns."""
     stamps_ns: list[IntArray] = [np.empty(0, np.int64)]
     try:
-        for layout, _, rows in tf_layouts().group([data for _, _, data in batch]):
+        groups = tf_layouts().group([data for _, _, data in batch])
+        for layout, _, rows in sorted(groups, key=lambda group: group[1][-1]):  # as they ended
             for transforms in layout.decode(rows, range(len(layout.frames))):
                 gravity.add(transforms, static=static)
                 stamps_ns.append(transforms.stamps_ns)
