@@ -87,11 +87,11 @@ def open_bag(path: Path) -> Iterator[Bag]:
     # The backend gets the folder, or a storage file.
     chosen = path
     if path.is_dir() and not (path / 'metadata.yaml').exists():
-        files = sorted(file for file in path.iterdir() if file.suffix in SUFFIXES)
+        files = sorted(f for f in path.iterdir() if f.suffix in {*SUFFIXES, '.zstd'})
         if len(files) > 1:
             raise RecordingError(
-                f'{path} holds {len(files)} storage files and no metadata.yaml. Run '
-                f"'ros2 bag reindex {path}', or name one of the files."
+                f'{path} holds {len(files)} storage files and no metadata.yaml. Unpack any .zstd '
+                f"by 'unzstd --rm' and run 'ros2 bag reindex {path}', or name one of the files."
             )
         if not files:
             raise RecordingError(
