@@ -96,7 +96,7 @@ def test_a_part_is_counted_from_the_first_message_with_a_stamp(write, messages):
     times = range(1000 * second, 1100 * second, second)
     path = write(
         *(('/wrench_raw', messages.wrench(at, range(6))) for at in (0, *times)),
-        *(('/temperature', messages.temperature(at, 20.0)) for at in times),
+        *(('/temperature', messages.temperature(at, 20.0)) for at in times for _ in range(2)),
     )
     assert len(read_recording(path, topics=Topics(begin='60'))) == 40
 

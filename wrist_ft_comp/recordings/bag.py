@@ -196,11 +196,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
                 layout = follow(bag.define(connection), connection.msgtype, messages[0])
                 raise RecordingError(f'{bag.name}: {source.missing(layout)}')
         unstamped = unstamped if stamps_ns.all() else connection.topic
-        if stamps_ns.any():
-            stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
-        else:  # in simulated time, many may arrive at once
-            stamps_ns, first = np.unique(times_ns, return_index=True)
-            values = values[first]
+        stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
         for (channel, source), column in zip(stream.sources.items(), values.T, strict=True):
             yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
     if unstamped and abs(ahead_ns) > BAG_APART_S * NANOSECONDS:

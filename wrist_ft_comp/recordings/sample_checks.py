@@ -117,8 +117,8 @@ class _Group:
             yield f'{title} holds no sample; it is left out.'
         if dropped := self.strange + self.out_of_order:
             why_strange = channel_names.why_unusable(first, self.first_strange)
-            no_increase = 'have a stamp that does not increase'
-            reasons = (self.strange, f'are {why_strange}'), (self.out_of_order, no_increase)
+            ran_back = 'have no stamp, or one that ran back'
+            reasons = (self.strange, f'are {why_strange}'), (self.out_of_order, ran_back)
             counts = (f'{n} of {self.samples} samples {reason}' for n, reason in reasons if n)
             sentence = f'{title}: {" and ".join(counts)}; '
             if dropped > max_bad_share * self.samples:

@@ -228,9 +228,9 @@ class ClockComparison:
 
 
 def in_order(stamps_ns: IntArray, last_ns: int) -> BoolArray:
-    """Mark the stamps of a file, (n,), that are later than all before them but single strays."""
+    """Mark the stamps of a file, (n,), that are no earlier than any before but single strays."""
     before = np.concatenate(([last_ns], stamps_ns))
     this, following, second = stamps_ns[:-2], stamps_ns[1:-1], stamps_ns[2:]
-    ahead = (this > following) & (this > second) & (following > before[:-3])
+    ahead = (this > following) & (this > second) & (following >= before[:-3])
     before[1:-2][ahead] = NO_TIME
-    return np.asarray(before[1:] > np.maximum.accumulate(before)[:-1])
+    return (before[1:] > NO_TIME) & (before[1:] >= np.maximum.accumulate(before)[:-1])
