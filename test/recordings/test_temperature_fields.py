@@ -100,11 +100,12 @@ def read(path, *temperatures):
 
 @pytest.mark.usefixtures('ready')
 def test_every_storage_gives_any_temperature(driver, messages, storage, tmp_path, monkeypatch):
-    monkeypatch.setattr(bag_file, 'BATCH', 700)
+    monkeypatch.setattr(bag_file, 'BATCH', 70)
     path = messages.write(tmp_path / 'bag', driver.parts(), *storage)
-    frame, first, last, motor = read(
+    frame, first, last, motor, wrist = read(
         path, '/driver/frame:temperature:K', '/driver/state:temperatures[0]',
         'driver/state:temperatures.5:F', '/driver/state:motors[1].temperature*0.1',
+        '/driver/state:temperatures[wrist]',
     )  # fmt: skip
     assert frame[0] == [T0 + k * 10**6 for k in range(2000)], 'stamps of the header'
     expected = [float(np.float32(293.15 + k / 1000)) - 273.15 for k in range(2000)]
@@ -114,6 +115,7 @@ def test_every_storage_gives_any_temperature(driver, messages, storage, tmp_path
     assert first == (arrived, pytest.approx(degrees)), 'times of arrival'
     assert last == (arrived, pytest.approx((degrees + 5 - 32) / 1.8))
     assert motor == (arrived, pytest.approx((degrees + 10) / 10))
+    assert wrist == (arrived[1::2], pytest.approx(degrees[1::2] + 2)), 'others name no wrist'
 
 
 WRONG = [

@@ -163,13 +163,15 @@ class _TopicStream:
     #: Or, by channel, what the reader reads.
     sources: Mapping[str, TemperatureSource] = field(default_factory=dict)
     reader: NumberReader | None = None
-    #: Whether a message had a stamp; None before one was read.
-    is_stamped: bool | None = None
+    #: Whether a message had a stamp.
+    is_stamped: bool = False
 
 
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
     """Read wrench, temperatures and, where they are, reference and specific force; by batch."""
     streams = {stream.connection.id: stream for stream in _streams(bag, topics)}
+    #: Of the temperatures that are fields, those that gave no number yet.
+    silent = {channel: stream for stream in streams.values() for channel in stream.sources}
     unstamped, ahead_ns = '', 0
     if topics.gravity_frame:
         yield from gravity_samples(bag, topics)
@@ -177,8 +179,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
         stream = streams[number]
         connection = stream.connection
         stamps_ns, values = decode(bag, connection, messages, stream.reader)
-        is_first = stream.is_stamped is None
-        stream.is_stamped = bool(stream.is_stamped or stamps_ns.any())
+        stream.is_stamped |= bool(stamps_ns.any())
         if not stream.sources:
             for k in np.flatnonzero(stamps_ns)[-1:].tolist():
                 ahead_ns = max(ahead_ns, int(stamps_ns[k]) - times_ns[k], key=abs)
@@ -191,14 +192,18 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
             else:
                 yield Samples(stream.channels, stamps_ns, values[:, : len(stream.channels)])
             continue
-        for source, column in zip(stream.sources.values(), values.T, strict=True):
-            if is_first and not np.isfinite(column).any():
-                layout = follow(bag.define(connection), connection.msgtype, messages[0])
-                raise RecordingError(f'{bag.name}: {source.missing(layout)}')
         unstamped = unstamped if stamps_ns.all() else connection.topic
         stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
         for (channel, source), column in zip(stream.sources.items(), values.T, strict=True):
-            yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
+            # Nodes may share a topic, and a sensor may begin without a reading: as an empty cell.
+            held = ~np.isnan(column)
+            if held.any():
+                silent.pop(channel, None)
+            yield Samples((channel,), stamps_ns[held], source.celsius(column[held, np.newaxis]))
+    for channel, stream in silent.items():
+        connection = stream.connection
+        layout = follow(bag.define(connection), connection.msgtype, bag.first(connection))
+        raise RecordingError(f'{bag.name}: {stream.sources[channel].missing(layout)}')
     if unstamped and abs(ahead_ns) > BAG_APART_S * NANOSECONDS:
         raise RecordingError(
             f'Messages on {unstamped} of {bag.name} have no stamp, and their time of arrival says '
