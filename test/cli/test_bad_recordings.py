@@ -113,6 +113,7 @@ REFUSED = {
     'no stamp at all': (None, 'header stamp 0', BAGS),
     'thermometer without a stamp': (
         None, 'header stamp 0.* or name it /temperature:temperature', BAGS),
+    'two sensors on one topic': (None, 'left and right come by turns, and are mixed', BAGS),
     'no topic of a wrench': (None, 'no topic /wrench_raw for the raw wrench', BAGS),
     'wrench and temperature in one message': (
         None, 'is rokubi_like_msgs/msg/State; the raw wrench must be geometry_msgs', BAGS),
@@ -194,7 +195,8 @@ def parts(tell, table, kind):
             inside = tell.make('geometry_msgs/msg/Wrench', body, body)
             yield topic, state, received_ns, tell.pack(state, at_ns, inside, row['temperature_c'])
         elif not np.isnan(force).any():
-            data = tell.wrench(wrench_ns, [*force, 0.01, 0.02, 0.03])
+            frame = 'right' if kind == 'two sensors on one topic' and k % 2 else 'left'
+            data = tell.wrench(wrench_ns, [*force, 0.01, 0.02, 0.03], frame)
             yield topic, tell.wrench_type, received_ns, data
         for topic in thermometers(table):
             value = row[f'{topic[1:]}_c']

@@ -145,7 +145,8 @@ def test_what_is_wrong_with_an_imu_is_said(start):
     part.on_imu(b'nonsense')
     assert part.doubt() == '1 messages of the IMU could not be read, or hold no numbers'
     assert part.doubt() == ''
-    for frame, said in (('imu', []), ('', ['specific force of imu and no frame come by turns'])):
+    by_turns = ['specific force of imu and no frame come by turns']
+    for frame, said in (('imu', []), ('', []), ('imu', by_turns)):
         message = Imu()
         message.header.frame_id = frame
         part.on_imu(serialize_message(message))

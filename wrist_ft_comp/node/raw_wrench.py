@@ -1,6 +1,5 @@
 """The raw wrenches: they are judged, and what has come of them is counted."""
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 import math
@@ -18,7 +17,7 @@ from wrist_ft_comp.stream.clock import WrenchStamps
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.wrench_faults import SensorWatch, unusable, was_away
-from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
+from wrist_ft_comp.wire.cdr import locate, RecentFrames, WRENCH, WRENCH_DOUBLES
 
 #: A node that did not look for longer, s, was held up itself: nobody knows whether wrenches came.
 _HELD_UP_S = 3.0
@@ -32,24 +31,6 @@ _FULL_NS = 2**32 * np.array([1, 1_000, 1_000_000])
 _SWITCHED_ON_S = 600.0
 #: What an axis reads that is there, N; of a torque, a tenth of it in N m.
 _THERE_N = 0.5
-
-
-class RecentFrames:
-    """The frame_ids of a topic's newest messages: two sensors may come by turns."""
-
-    def __init__(self, doubles: int) -> None:
-        self._doubles, self.names = doubles, deque[str](maxlen=40)
-
-    def look(self, *messages: bytes) -> None:
-        """Look at messages; empty ones are none."""
-        for data in filter(None, messages):
-            self.names.append(locate(data, self._doubles).frame_id(data))
-
-    @property
-    def mixed(self) -> str:
-        """Say which come by turns; empty where one does."""
-        names = sorted(name or 'no frame' for name in set(self.names))
-        return f'{" and ".join(names)} come by turns, and are mixed' if names[1:] else ''
 
 
 @dataclass

@@ -11,7 +11,6 @@ from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.node.raw_wrench import RecentFrames
 from wrist_ft_comp.payload.weight import Force, ForceFrame, FrameIds
 from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.parameters import at_start
@@ -20,7 +19,7 @@ from wrist_ft_comp.ros.topics import FAST_SENSOR, LATCHED, load_type, wrong_type
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.clock import FORCE_APART_S
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
+from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.gravity_by_tf import GravityByTf, Layout, tf_layouts
 from wrist_ft_comp.wire.numbers_in_messages import Layouts
 
@@ -134,7 +133,7 @@ class SpecificForceInput(Part):
         self._imu: Any = None
         #: The newest message of the IMU, and the one before it; empty before the first.
         self._newest = self._before = b''
-        self._recent = RecentFrames(IMU_DOUBLES)
+        self._recent = cdr.RecentFrames(cdr.IMU_DOUBLES)
         #: The specific forces of the last reports, while new ones come.
         self._felt = deque[Force](maxlen=_REPORTS)
         #: And how far these were stamped ahead of the newest wrench, s.
@@ -152,7 +151,7 @@ class SpecificForceInput(Part):
                 )
             for topic, qos in (('/tf', FAST_SENSOR), ('/tf_static', LATCHED)):
                 take = partial(self.on_tf, tf_layouts(), static=qos is LATCHED)
-                kind = load_type(topic, TF)
+                kind = load_type(topic, cdr.TF)
                 self.hub.subscribe(kind, topic, self.hub.guarded(self, take), qos)
 
     def poll(self) -> None:
@@ -176,18 +175,19 @@ class SpecificForceInput(Part):
         if self.source == 'tf':
             return FrameIds(self._upper, wrench)
         newest = self._newest
-        return FrameIds(locate(newest, IMU_DOUBLES).frame_id(newest) if newest else '', wrench)
+        imu = cdr.locate(newest, cdr.IMU_DOUBLES).frame_id(newest) if newest else ''
+        return FrameIds(imu, wrench)
 
     def on_imu(self, data: bytes) -> None:
         """Take one sensor_msgs/Imu; without a gyroscope its rotation is zero."""
         try:
-            stamp_ns, numbers = locate(data, IMU_DOUBLES).decode(data)
+            stamp_ns, numbers = cdr.locate(data, cdr.IMU_DOUBLES).decode(data)
         except RecordingError:
             self.unreadable += 1
             return
         self._before, self._newest = self._newest, data
-        x, y, z = numbers[ACCELERATION]
-        speed = math.hypot(*numbers[ROTATION])
+        x, y, z = numbers[cdr.ACCELERATION]
+        speed = math.hypot(*numbers[cdr.ROTATION])
         if math.isfinite(x + y + z):
             self._hand_out(stamp_ns, (x, y, z), speed if speed > 0 else None)
         else:
@@ -248,7 +248,7 @@ class SpecificForceInput(Part):
             return self.hub.incompatible[topic]
         if self._imu is not None:
             topic = self._imu.topic_name
-            if other := wrong_type(self.hub, topic, IMU):
+            if other := wrong_type(self.hub, topic, cdr.IMU):
                 return other
             if (publishers := self.hub.count_publishers(topic)) > 1:
                 return f'{topic} has {publishers} publishers; their readings are mixed'

@@ -9,7 +9,7 @@ from typing import Any
 from wrist_ft_comp.channels import is_plausible, temperature_channel, why_unusable
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.raw_wrench import age, RecentFrames
+from wrist_ft_comp.node.raw_wrench import age
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.warm_restart import StateKeeper
 from wrist_ft_comp.ros import topics as ros_topics
@@ -21,7 +21,7 @@ from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.drift_warnings import frozen_doubts, gap_doubts, seldom_doubts
 from wrist_ft_comp.units import other_unit, UNIT_REMEDY
 from wrist_ft_comp.wire import numbers_in_messages as in_messages
-from wrist_ft_comp.wire.cdr import DOUBLES, TEMPERATURE
+from wrist_ft_comp.wire.cdr import DOUBLES, RecentFrames, TEMPERATURE
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 
 

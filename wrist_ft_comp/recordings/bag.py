@@ -181,6 +181,13 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
         stamps_ns, values = decode(bag, connection, messages, stream.reader)
         stream.is_stamped |= bool(stamps_ns.any())
         if not stream.sources:
+            frames = cdr.RecentFrames(cdr.DOUBLES[connection.msgtype])
+            frames.look(*messages)
+            if frames.mixed:
+                raise RecordingError(
+                    f'Messages on {connection.topic} of {bag.name} are of two sensors: those of '
+                    f'{frames.mixed}. Let each driver have a topic of its own, and record again.'
+                )
             for k in np.flatnonzero(stamps_ns)[-1:].tolist():
                 ahead_ns = max(ahead_ns, int(stamps_ns[k]) - times_ns[k], key=abs)
             stamps_ns = np.where(stamps_ns, stamps_ns, NO_TIME)

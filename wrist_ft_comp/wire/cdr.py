@@ -12,9 +12,11 @@ Alignment counts from byte 4, so ``o = 4 + 8 ceil((12 + frame length) / 8)``. By
 are never changed.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 import struct
 from typing import TypeVar
 
@@ -42,6 +44,8 @@ DOUBLES = {WRENCH: WRENCH_DOUBLES, TEMPERATURE: 2, IMU: IMU_DOUBLES}
 _FRAME, _SHARED = 16, np.array([0, 1, 12, 13, 14, 15])
 #: Most bytes of a frame name that are shown; no sensor's is longer.
 _SHOWN = 255
+#: Messages that show whether two sensors come by turns.
+_NEWEST = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +93,25 @@ def byte_order(data: bytes) -> str:
             f'got {data[:2].hex(" ") or "nothing"}.'
         )
     return '<' if data[1] else '>'
+
+
+class RecentFrames:
+    """The frame_ids of a topic's newest messages: two sensors may come by turns."""
+
+    def __init__(self, doubles: int) -> None:
+        self._doubles, self.names = doubles, deque[str](maxlen=_NEWEST)
+
+    def look(self, *messages: bytes) -> None:
+        """Look at messages; empty ones are none."""
+        for data in filter(None, messages[-_NEWEST:]):
+            self.names.append(locate(data, self._doubles).frame_id(data))
+
+    @property
+    def mixed(self) -> str:
+        """Say which come by turns; empty where one does."""
+        changes = sum(before != name for before, name in pairwise(self.names))
+        names = sorted(name or 'no frame' for name in set(self.names))
+        return f'{" and ".join(names)} come by turns, and are mixed' if changes > 1 else ''
 
 
 @lru_cache  # a topic has one layout, but a sender may vary its frame names
