@@ -109,7 +109,8 @@ REFUSED = {
         put('temperature_k', 3e2), 'temperature_c twice, in the columns temp', COLUMNS),
     'a gap in the numbers of thermometers': (
         put('temperature_3_c', 20.0), 'no usable temperature_2_c', COLUMNS),
-    'two clocks': (None, r'17232\d+ s apart; both drivers must use one clock', BAGS),
+    'two clocks': (None, r'17232\d+ s ahead of .*; all drivers must use one clock', BAGS),
+    'a thermometer of another clock': (None, 'are 240 s behind those of /wrench_raw', BAGS),
     'no stamp at all': (None, 'header stamp 0', BAGS),
     'thermometer without a stamp': (
         None, 'header stamp 0.* or name it /temperature:temperature', BAGS),
@@ -188,6 +189,7 @@ def parts(tell, table, kind):
         if kind == 'no stamp at all' or (kind == 'a wrench without a stamp' and not k):
             wrench_ns = 0
         stamp_ns = 0 if kind == 'thermometer without a stamp' else at_ns
+        stamp_ns -= 240 * 10**9 if kind == 'a thermometer of another clock' else 0
         force = [row['force_x'], row.get('force_y', 0.1), row['force_z']]
         topic = '/other' if kind == 'no topic of a wrench' else '/wrench_raw'
         if kind == 'wrench and temperature in one message':

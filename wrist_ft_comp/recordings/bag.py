@@ -163,8 +163,8 @@ class _TopicStream:
     #: Or, by channel, what the reader reads.
     sources: Mapping[str, TemperatureSource] = field(default_factory=dict)
     reader: NumberReader | None = None
-    #: Whether a message had a stamp.
-    is_stamped: bool = False
+    #: How far times are ahead of arrival, ns: the least and the most of each batch.
+    ahead_ns: list[int] = field(default_factory=list)
 
 
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
@@ -172,14 +172,16 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
     streams = {stream.connection.id: stream for stream in _streams(bag, topics)}
     #: Of the temperatures that are fields, those that gave no number yet.
     silent = {channel: stream for stream in streams.values() for channel in stream.sources}
-    unstamped, ahead_ns = '', 0
     if topics.gravity_frame:
         yield from gravity_samples(bag, topics)
-    for number, times_ns, messages in bag.grouped(streams, progress):
+    for number, arrived_ns, messages in bag.grouped(streams, progress):
         stream = streams[number]
         connection = stream.connection
         stamps_ns, values = decode(bag, connection, messages, stream.reader)
-        stream.is_stamped |= bool(stamps_ns.any())
+        times_ns = np.where(stamps_ns, stamps_ns, arrived_ns if stream.sources else NO_TIME)
+        ahead_ns = (times_ns - arrived_ns)[times_ns > NO_TIME]
+        if len(ahead_ns):
+            stream.ahead_ns += int(ahead_ns.min()), int(ahead_ns.max())
         if not stream.sources:
             frames = cdr.RecentFrames(cdr.DOUBLES[connection.msgtype])
             frames.look(*messages)
@@ -188,44 +190,44 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
                     f'Messages on {connection.topic} of {bag.name} are of two sensors: those of '
                     f'{frames.mixed}. Let each driver have a topic of its own, and record again.'
                 )
-            for k in np.flatnonzero(stamps_ns)[-1:].tolist():
-                ahead_ns = max(ahead_ns, int(stamps_ns[k]) - times_ns[k], key=abs)
-            stamps_ns = np.where(stamps_ns, stamps_ns, NO_TIME)
             if connection.msgtype == cdr.IMU:
-                yield Samples(FORCE_CHANNELS, stamps_ns, values[:, cdr.ACCELERATION])
+                yield Samples(FORCE_CHANNELS, times_ns, values[:, cdr.ACCELERATION])
                 speed = np.linalg.norm(values[:, cdr.ROTATION], axis=1, keepdims=True)
                 measured = speed[:, 0] > 0  # an accelerometer alone leaves it empty
-                yield Samples((channels.ROTATION_CHANNEL,), stamps_ns[measured], speed[measured])
+                yield Samples((channels.ROTATION_CHANNEL,), times_ns[measured], speed[measured])
             else:
-                yield Samples(stream.channels, stamps_ns, values[:, : len(stream.channels)])
+                yield Samples(stream.channels, times_ns, values[:, : len(stream.channels)])
             continue
-        unstamped = unstamped if stamps_ns.all() else connection.topic
-        stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
         for (channel, source), column in zip(stream.sources.items(), values.T, strict=True):
             # Nodes may share a topic, and a sensor may begin without a reading: as an empty cell.
             held = ~np.isnan(column)
             if held.any():
                 silent.pop(channel, None)
-            yield Samples((channel,), stamps_ns[held], source.celsius(column[held, np.newaxis]))
+            yield Samples((channel,), times_ns[held], source.celsius(column[held, np.newaxis]))
     for channel, stream in silent.items():
         connection = stream.connection
         layout = follow(bag.define(connection), connection.msgtype, bag.first(connection))
         raise RecordingError(f'{bag.name}: {stream.sources[channel].missing(layout)}')
-    if unstamped and abs(ahead_ns) > BAG_APART_S * NANOSECONDS:
-        raise RecordingError(
-            f'Messages on {unstamped} of {bag.name} have no stamp, and their time of arrival says '
-            f'nothing: wrenches are stamped {abs(ahead_ns) / NANOSECONDS:.0f} s '
-            f'{"after" if ahead_ns > 0 else "before"} they arrived. Let their driver stamp by the '
-            'clock of ROS, and record again.'
-        )
     for stream in streams.values():
-        if not stream.sources and not stream.is_stamped:
+        if not stream.ahead_ns:
             topic, remedy = stream.connection.topic, 'and record again'
             if stream.connection.msgtype == cdr.TEMPERATURE:
                 remedy = f'or name it {topic}:temperature, which takes the times of arrival'
             raise RecordingError(
                 f'Every message on {topic} of {bag.name} has the header stamp 0; expected the '
                 f'time of measurement. Let the driver fill header.stamp, {remedy}.'
+            )
+    # Who sends late, in batches or again, and a bag that is played, have some message in time.
+    wrench, *others = streams.values()
+    for other in others:
+        behind_ns = min(wrench.ahead_ns) - max(other.ahead_ns)
+        apart_s = max(behind_ns, min(other.ahead_ns) - max(wrench.ahead_ns)) / NANOSECONDS
+        if apart_s > BAG_APART_S:
+            raise RecordingError(
+                f'Stamps of {other.connection.topic} of {bag.name} are {apart_s:.0f} s '
+                f'{"behind" if behind_ns > 0 else "ahead of"} those of {wrench.connection.topic}, '
+                'compared with their arrival, which counts where there is no stamp; all drivers '
+                'must use one clock. Set it, and record again.'
             )
 
 
