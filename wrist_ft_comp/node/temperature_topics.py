@@ -31,7 +31,8 @@ class TemperatureTopic:
 
     One of sensor_msgs/Temperature is subscribed to at once, and every message is taken as it
     comes. Any other is subscribed to when a publisher tells the type. It may be fast, and to be
-    woken costs much: its newest message is taken ten times a second.
+    woken costs much: ten times a second the newest message that holds a temperature is taken.
+    Nodes may share such a topic, as those of an arm and of its gripper do.
     """
 
     def __init__(self, part: Any, topic: str, sources: dict[int, TemperatureSource]) -> None:
@@ -56,8 +57,7 @@ class TemperatureTopic:
     def poll(self) -> None:
         """Take what came; ten times a second."""
         if self._kept is not None:
-            for data in waiting(self._kept):
-                self.read(data)
+            self.read(*waiting(self._kept))
 
     def look(self) -> None:
         """Ask which type the topic has, and subscribe when that is new; once a second."""
@@ -91,31 +91,35 @@ class TemperatureTopic:
             self._kept = self._hub.subscribe_unserved(kind, source.topic)
         self._type = name
 
-    def read(self, data: bytes) -> None:
-        """Take the temperatures of one message."""
-        if self.trouble:
-            return
-        try:
-            (stamp_ns,), (numbers,) = (part.tolist() for part in self._reader.read([data]))
-        except RecordingError:
-            self.unreadable += 1
-            sentence = (
-                f"a message of {self._topic} can't be read as {ros_topics.short(self._type)}; is "
-                'the package here of the same version as where it comes from?'
-            )
-            self.problems = dict.fromkeys(self.sources, sentence)
-            return
-        self._before, self._newest = self._newest, data
-        stamped = stamp_ns if self._reader.has_header else None
-        for (thermometer, source), number in zip(self.sources.items(), numbers, strict=True):
-            if math.isnan(number):
-                layout = in_messages.follow(self._definitions, self._type, data)
-                if layout.find(source.number) is None:
-                    self.unreadable += 1
-                    self.problems[thermometer] = source.missing(layout).rstrip('.')
+    def read(self, *messages: bytes) -> None:
+        """Take the newest temperature of each thermometer out of messages, newest last."""
+        wanted = {*self.sources}
+        for data in () if self.trouble else reversed(messages):
+            try:
+                (stamp_ns,), (numbers,) = (part.tolist() for part in self._reader.read([data]))
+            except RecordingError:
+                self.unreadable += 1
+                sentence = (
+                    f"a message of {self._topic} can't be read as {ros_topics.short(self._type)}; "
+                    'is the package here of the same version as where it comes from?'
+                )
+                self.problems = dict.fromkeys(self.sources, sentence)
+                return
+            self._before, self._newest = self._newest, data
+            stamped = stamp_ns if self._reader.has_header else None
+            for (thermometer, source), number in zip(self.sources.items(), numbers, strict=True):
+                if thermometer not in wanted:
                     continue
-            self.problems.pop(thermometer, None)
-            self._part.take(thermometer, stamped, source.celsius(number))
+                if math.isnan(number):
+                    layout = in_messages.follow(self._definitions, self._type, data)
+                    if layout.find(source.number) is None:
+                        self.problems[thermometer] = source.missing(layout).rstrip('.')
+                        continue
+                wanted.remove(thermometer)
+                self.problems.pop(thermometer, None)
+                self._part.take(thermometer, stamped, source.celsius(number))
+            if not wanted:
+                return
 
 
 @dataclass
@@ -273,7 +277,9 @@ class TemperatureInput(Part):
         if 'leapt' in lately:
             yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
         for j, thermometer in enumerate(self.thermometers, start=1):
-            if (publishers := self.hub.count_publishers(thermometer.topic)) > 1:
+            is_named = any(str(step).startswith('[') for step in thermometer.source.path)
+            publishers = 0 if is_named else self.hub.count_publishers(thermometer.topic)
+            if publishers > 1:
                 yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
         for mixed in filter(None, (topic.frames.mixed for topic in self.by_topic)):
             yield f'temperatures of {mixed}; let the driver publish each on a topic of its own'
@@ -297,18 +303,17 @@ class TemperatureInput(Part):
         silent, grid = [], self._tracker.grid
         for j, thermometer in enumerate(self.thermometers):
             heard_s = thermometer.heard_s
+            spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS
+            is_silent = heard_s is None or time.monotonic() - heard_s > max(limit_s, 2 * spacing_s)
             effect = 'it is predicted' if j in self._tracker.replaced else drift
-            if problems[j]:
+            if problems[j] and is_silent:
                 yield f'thermometer {j + 1}: {problems[j]}; {effect}'
             elif heard_s is None:
                 wanted = '' if thermometer.source.path else TEMPERATURE
                 why = ros_topics.why_silent(self.hub, thermometer.source.topic, wanted)
                 yield f'thermometer {j + 1} has not reported: {why}; {effect}'
-            else:
-                spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS
-                is_silent = time.monotonic() - heard_s > max(limit_s, 2 * spacing_s)
-                if is_silent and j not in self._tracker.replaced:
-                    silent.append(j)
+            elif is_silent and j not in self._tracker.replaced:
+                silent.append(j)
         if silent:
             yield (
                 f'thermometer {_numbers(silent)} silent for more than {limit_s:g} s; drift is held'

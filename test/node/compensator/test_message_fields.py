@@ -21,12 +21,12 @@ def stamped(message, second=0):
     return message
 
 
-def joints(*efforts):
-    return stamped(JointState(effort=[float(effort) for effort in efforts]))
+def joints(*efforts, second=0, name=()):
+    return stamped(JointState(name=name, effort=[float(effort) for effort in efforts]), second)
 
 
-def battery(celsius, second=0):
-    return stamped(BatteryState(temperature=float(celsius)), second)
+def battery(celsius):
+    return stamped(BatteryState(temperature=float(celsius)))
 
 
 class Listening:
@@ -126,19 +126,22 @@ def test_bytes_that_are_no_message_are_named(listen):
 
 @pytest.mark.parametrize('executor', ['default', 'events'])
 def test_a_field_over_dds_moves_the_drift_and_wakes_no_executor(wired, make_model, executor):
-    node = wired(topics=['state:temperature'], model=make_model('m.yaml'), executor=executor)
-    state = node.bench.publisher(BatteryState, node.topic('state'), BEST_EFFORT)
-    inputs = node.node.inputs
+    topics = ['state:effort[wrist]']
+    node = wired(topics=topics, model=make_model('m.yaml'), executor=executor)
+    topic, inputs = node.topic('state'), node.node.inputs
+    arm, gripper = (node.bench.publisher(JointState, topic, BEST_EFFORT) for _ in range(2))
     for second in range(4):
 
         def arrived(second=second):
-            state.publish(battery(23.0, second))
+            arm.publish(joints(21, 23, second=second, name=['elbow', 'wrist']))
+            gripper.publish(joints(5, second=second, name=['finger']))
             return inputs.thermometers[0].newest[0] == START + second * SECOND
 
         node.wait_until(arrived, 'the temperature')
     assert node.topic('state') not in [s.topic_name for s in node.node.subscriptions]
     assert node.ask_output(START + 9 * SECOND, [0.0] * 6)[2] == pytest.approx(-6.0)
-    node.diagnosis('temperature', lambda status: status.values.get('thermometer_1_c') == '23.00')
+    status = node.diagnosis('temperature', lambda of: of.values.get('thermometer_1_c') == '23.00')
+    assert 'mixed' not in status.message
 
 
 def test_a_misspelt_topic_is_named_and_the_one_that_is_probably_meant(rig, driver):
