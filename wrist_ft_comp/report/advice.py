@@ -160,7 +160,7 @@ def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) 
     what = 'any axis' if len(poor) == len(case.levels) > 1 else axes
     head = f'{who} not explain {what} well: heat enters at a place without one.'
     if len(case.recordings) > 1:
-        head += ' Or the sensor was exchanged in between: calibrate from the recordings since then.'
+        head += ' Or the sensor was exchanged: calibrate from the recordings since then.'
     used = {entry.strip('/') for entry in case.thermometers}
     unused: list[str] = []
     with suppress(WristFtCompError, OSError):  # the recording may be gone
