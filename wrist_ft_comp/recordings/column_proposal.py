@@ -416,9 +416,10 @@ def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
     for group in numbered.values():
         axes.update(zip(group, AXES, strict=True) if len(group) == len(AXES) else ())
 
-    def rank(looks: _Looks) -> tuple[bool, bool, bool, int]:
+    def rank(looks: _Looks) -> tuple[int, ...]:
         is_treated, words = TREATED.search(looks.plain) is not None, looks.words
-        return is_treated, 'raw' not in words, _READING.isdisjoint(words), len(words)
+        has_unit = bool(looks.unit_of('force_x') or looks.unit_of('torque_x'))
+        return is_treated, not has_unit, 'raw' not in words, _READING.isdisjoint(words), len(words)
 
     cold = sorted((k for k in free if k not in hot and not k.is_no_reading), key=rank)
     for looks in cold:
