@@ -87,7 +87,9 @@ def known_unit(channel: str, name: str, unit: str = '') -> str:
     """Find the unit of a channel in the name of its column, or beside it; empty where unknown."""
     # In brackets, behind a slash or a comma, or behind an underscore or a blank at the end.
     forms = _PRODUCT, r'[^\W\d][^\W\d_/]*|°\w'
-    behind = [re.findall(rf'(?<=[^\s/_])(?:\s*/\s*|[_\s,])({f})$', name.strip()) for f in forms]
+    # Fx (kN) is Fx_kN_ where MATLAB has written it, and Fx..kN. where R has.
+    plain = re.sub(r'\.(?=.*\.$)', '_', name.strip()).strip('._')
+    behind = [re.findall(rf'(?<=[^\s/_])(?:\s*/\s*|[_\s,]+)({f})$', plain) for f in forms]
     words = map(plain_unit, (*said_units(name, unit), *chain(*behind)))
     return next((word for word in words if word in units_of(channel)), '')
 
