@@ -88,7 +88,7 @@ def test_a_map_beside_the_recordings_is_written_once(logs, done, run, make):
     said = run('show', other).sentence
     assert "own.csv has no column 'time', which recording.yaml beside it names; it has t," in said
     twice = 'stamp=t,force_x=fz,force_z=fz'
-    assert 'has no column for force_x: the one' in run('show', other, '--columns', twice).sentence
+    assert 'twice: for force_x and for force_z' in run('show', other, '--columns', twice).sentence
     assert "no column 'x', which --columns" in run('show', other, '--columns', 'stamp=x').sentence
     beside.write_text('columns: stamp=t\nwho: me\n')
     assert 'must have the keys columns and time' in run('show', other).sentence

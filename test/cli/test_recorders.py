@@ -168,21 +168,25 @@ def test_a_model_is_learnt_and_judged_as_printed(name, done, tmp_path, monkeypat
         assert axes['force_z']['rms_after'] < 0.2 * axes['force_z']['rms_before']
 
 
-def test_two_files_with_one_clock_are_one_recording(done, run, tmp_path):
+@pytest.mark.parametrize(('names', 'stamp'), [
+    (('t;Kraft [kN];Flansch [°C]', 'Datum,Temp'), lambda at: f'{at:%d.%m.%Y %H:%M:%S}'),
+    (('time;Kraft [kN];Temp', 'time,Temp'), datetime.timestamp),
+])  # fmt: skip
+def test_two_files_with_one_clock_are_one_recording(names, stamp, done, tmp_path):
     t, channels = hour()
-    celsius, force, heat = channels['temperature_c'], ['t;Kraft [kN]'], ['Datum,Temp']
-    for second, n, warm in zip(t.tolist(), channels['force_z'], celsius, strict=True):
+    celsius = np.stack([channels['temperature_c'], channels['temperature_2_c']], axis=1)
+    force, heat = ([name] for name in names)
+    for second, n, (warm, other) in zip(t.tolist(), channels['force_z'], celsius, strict=True):
         at = BEGIN + timedelta(seconds=second)
-        force.append(f'{at.timestamp() * 1e3:.0f};{n / 1e3:.7f}')
-        heat.append(f'{at:%d.%m.%Y %H:%M:%S},{warm:.2f}')
+        force.append(f'{at.timestamp() * 1e3:.0f};{n / 1e3:.7f};{warm:.2f}')
+        heat.append(f'{stamp(at)},{other:.2f}')
     (tmp_path / 'force.csv').write_text('\n'.join([*force, '']))
     (tmp_path / 'heat.csv').write_text('\n'.join([*heat, '']))
-    assert 'join both' in run('show', tmp_path / 'force.csv').out
     joined = tmp_path / 'force.csv+heat.csv'
     (command, _) = json.loads(done('show', joined, '--json'))['commands']
     recording = read_recording(joined, topics=told(command))
     np.testing.assert_allclose(recording.wrench[::10, 2], channels['force_z'], atol=1e-3)
-    np.testing.assert_allclose(recording.temperature_c[::10, 0], celsius, atol=0.01)
+    np.testing.assert_allclose(recording.temperature_c[::10], celsius, atol=0.01)
     words = shlex.split(command)[1:]
     words[words.index('force.yaml')] = str(tmp_path / 'model.yaml')
     done(*words, '--method', 'pls')
@@ -201,6 +205,8 @@ def test_numbers_of_columns_go_on_through_joined_tables(run, tmp_path):
         (tmp_path / f'{name}.csv').write_text(text)
     joined = tmp_path / 'one.csv+two.csv'
     assert 'got 1, 2, 3, 4.' in run('show', joined).out
+    assert 'join both' in run('show', tmp_path / 'one.csv').out
+    assert 'twice: for stamp' in run('show', joined, '--columns', 'stamp=1,stamp=1:ms').sentence
     said = Topics(columns='stamp=1,force_z=2,stamp=3,temperature_c=4')
     recording = read_recording(joined, topics=said)
     np.testing.assert_allclose(recording.wrench[::10, 2], channels['force_z'], atol=1e-4)

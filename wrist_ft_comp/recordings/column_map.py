@@ -165,21 +165,20 @@ def place_columns(columns: Sequence[Column], time: str, table: str, header: Head
     names = header.names
     mapped: dict[int, Column] = {}
     missing: list[Column] = []
+    places = {str(header.columns_before + k + 1): k for k in range(len(names))}
+    places |= {name: names.index(name) for name in names}
     for named in columns:
-        number = int(named.name) - header.columns_before if named.name.isdecimal() else 0
-        if named.name in names:
-            mapped[names.index(named.name)] = named
-        elif 0 < number <= len(names):
-            mapped[number - 1] = named
-        elif named.name == ROW_NUMBER and named.channel == STAMP:
-            mapped[ROW] = named
-        else:
+        is_row = named.name == ROW_NUMBER and named.channel == STAMP
+        place = places.get(named.name, ROW if is_row else None)
+        if place is None:
             missing.append(named)
+        elif mapped.setdefault(place, named) != named:
+            raise RecordingError(
+                f'{table} has one column {named.name}, which is named twice: for '
+                f'{mapped[place].channel} and for {named.channel}. Name it once; where joined '
+                'tables have columns of one name, write the number of each.'
+            )
     said = {column.channel for column in mapped.values()}
-    if lost := {c.channel for c in columns} - said - {c.channel for c in missing}:
-        raise RecordingError(
-            f'{table} has no column for {listed(sorted(lost))}: the one named is another, too.'
-        )
     own = {place: column for place, name in enumerate(names) if (column := own_column(name))}
     own = {place: column for place, column in own.items() if column.channel not in said}
     found: dict[str, Column] = {}

@@ -314,7 +314,9 @@ class _Looks:
         return name if _TRUE.isdisjoint(self.words) else f'reference_{name}'
 
 
-def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[str, str], str]:
+def propose(
+    placed: Placed, rows: Sequence[Sequence[str]] = (), all_names: Sequence[str] = ()
+) -> tuple[dict[str, str], str]:
     """Propose what other columns are: by our names, as --columns has them; and what --time is."""
     header, names = placed.header, placed.header.names
     cells = list(zip(*rows, strict=True)) if rows else [()] * len(names)
@@ -333,9 +335,9 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
     order = [*column_map.STAMP_COLUMNS, *AXES, *thermometers, *CHANNELS]
     for channel in filter(found.__contains__, dict.fromkeys(order)):
         looks = found[channel]
-        # A map names a column by its number where its name is none for a map.
+        # A map names a column by its number where its name is none for a map, or of two columns.
         name = names[looks.place]
-        if not name or _MAP_SIGNS.search(name) or names.count(name) > 1:
+        if not name or _MAP_SIGNS.search(name) or (all_names or names).count(name) > 1:
             name = str(header.columns_before + looks.place + 1)
         # Behind it stand the factor and the unit that the map has to have.
         behind = header.said.get(channel.partition('_')[0], '')

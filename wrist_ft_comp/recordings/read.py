@@ -172,8 +172,14 @@ class OpenTable:
 
     def propose(self) -> Proposal:
         """Propose what the columns are that are not understood."""
-        pairs = zip(self.columns, self.tables, strict=True)
-        found = [propose(placed, table.shown_rows()) for placed, table in pairs]
+        found = list[tuple[dict[str, str], str]]()
+        taken = [column.channel for placed in self.columns for column in placed.channels]
+        for placed, table in zip(self.columns, self.tables, strict=True):
+            # Thermometers of all tables are numbered together.
+            hot = {c: column_map.Column('', c) for c in taken if c.startswith('temperature')}
+            known = replace(placed, columns=hot | {**placed.columns})
+            found.append(propose(known, table.shown_rows(), self.names))
+            taken += found[-1][0]
         return Proposal.of(found, self.lacks())
 
     def require(self, *kinds: str) -> None:
