@@ -349,8 +349,8 @@ def exact_ns(cells: Any, form: str, factor: float = 1.0) -> IntArray:
     import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
     texts = [text.strip().removesuffix(' UTC') for text in texts]
-    if form == '%H%M%S':  # a number has lost its zeros
-        texts = [text.zfill(6) for text in texts]
+    if form == '%H%M%S':  # a number has lost its zeros, and may have decimals
+        texts, form = [f'{Decimal(text):016.9f}' for text in texts], '%H%M%S.%f'
     if form == units.TIMEDELTA:
         texts = [f'0:{text}' if text.count(':') == 1 else text for text in texts]
         return np.asarray(pandas.to_timedelta(texts).as_unit('ns').asi8)
@@ -416,10 +416,10 @@ def _are_clocks(numbers: FloatArray) -> bool:
     if len(numbers) < 20 or not 0 <= numbers.min() <= numbers.max() < 240_000:
         return False
     hours, minutes, seconds = numbers // 10_000, numbers // 100 % 100, numbers % 100
-    if (minutes >= 60).any() or (seconds >= 60).any() or (numbers % 1).any():
+    if (minutes >= 60).any() or (seconds >= 60).any():
         return False
     steps = np.diff(hours * 3600 + minutes * 60 + seconds) % 86_400
-    return bool(np.ptp(steps) < np.ptp(np.diff(numbers)))
+    return bool(np.ptp(steps) < np.ptp(np.diff(numbers)) - 1)
 
 
 def unit_of_times(numbers: FloatArray) -> str:
