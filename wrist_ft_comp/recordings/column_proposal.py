@@ -362,13 +362,14 @@ def _refuse_long_form(table: str, free: Sequence[_Looks], header: Header) -> Non
         if 'temperature_c' in meant and not {*AXES}.isdisjoint(meant):
             time = max(free, key=_Looks.time_score)
             value = max(numbers, key=lambda k: (-k.time_score(), len({*k.filled})))
-            pivot = ', '.join(repr(header.names[k.place]) for k in (value, time, looks))
+            pivot = [repr(header.names[k.place]) for k in (value, time, looks)]
             raise RecordingError(
                 f'{table} has a row for each channel ({", ".join(channels)}); expected a column. '
-                f'Make them by python3 -c "import pandas; pandas.read_csv({table!r}, '
-                f'sep={header.delimiter!r}, skiprows={header.lines_above - 1}, decimal='
-                f'{header.decimal!r}).pivot_table({pivot}, sort=False).to_csv('
-                "'wide.csv', mode='x')\"."
+                f'Make them by python3 -c "import pandas; t = pandas.read_csv({table!r}, '
+                f'sep={header.delimiter!r}, skiprows={header.lines_above - 1}, dtype=str, '
+                f"encoding_errors='replace'); t[{pivot[0]}] = pandas.to_numeric(t[{pivot[0]}]"
+                f".str.replace({header.decimal!r}, '.'), 'coerce'); t.pivot_table("
+                f"{', '.join(pivot)}, sort=False).to_csv('wide.csv', mode='x')\"."
             )
 
 
