@@ -105,8 +105,8 @@ class Header:
     columns_before: int = 0
     #: By place: units in a row of their own, or behind the numbers of the first row.
     units: Mapping[int, str] = field(default_factory=dict)
-    #: The header and what stands between it and the rows; some recorders repeat it.
-    rows_above: frozenset[tuple[str, ...]] = frozenset()
+    #: What lines above the rows begin with, and rows do not; some recorders repeat them.
+    words_above: frozenset[str] = frozenset()
     #: What lines above say of 'force' and 'torque', as a map has it behind a column: *1e-06:N.
     said: Mapping[str, str] = field(default_factory=dict)
     #: A line above that tells of another unit than N and N m, or of a scale, but not of whose.
@@ -130,7 +130,7 @@ class Header:
         """Whether a row is neither empty, nor a header that is repeated, nor statistics."""
         first = next(filter(None, row), '')
         is_told = first.lower().rstrip(':') in _STATISTICS
-        return bool(first) and not is_told and tuple(row) not in self.rows_above
+        return bool(first) and not is_told and first not in self.words_above
 
     def title(self, place: int) -> str:
         """Give all that is said of a column: its name, if it has one, and what is told."""
@@ -216,12 +216,14 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
     names = [*names, *[''] * (width - len(names))] if names else numbers
     decimal, thousands = _find_decimals([cell for row in last for cell in row])
     text = '\n'.join(lines[:first])
+    begins = [next(filter(None, row), '') for row in rows]
+    of_rows = {begins[k] for k in at if is_row(rows[k])}
     counts = {word.lower(): f'*{1 / float(n):g}' for word, n in _COUNTS_LINE.findall(text)}
     return Header(
         delimiter=delimiter, width=width, lines_above=first, names=tuple(names), told=told,
         columns_before=columns_before, replaced=tuple(replaced),
         units={place: unit.strip('()') for place, unit in enumerate(said_units) if unit},
-        rows_above=frozenset(map(tuple, above)),
+        words_above=frozenset(word for word in begins[:first] if not _is_value(word)) - of_rows,
         said={
             word.lower(): f'{counts.get(word.lower(), "")}:{plain_unit(unit)}'
             for word, unit in _UNIT_LINE.findall(text) if plain_unit(unit) in units.UNIT_WORDS
