@@ -152,6 +152,13 @@ def test_a_table_is_the_same_whatever_it_is_written_with(make_csv, sign, form, e
     assert samples['temperature_c'][1] == [row[2] for row in ROWS]
 
 
+def test_channels_that_pandas_concat_puts_below_others_are_read(make_csv):
+    parts = [pandas.DataFrame({'t': range(40), name: 20.5}) for name in ('Fz', 'T')]
+    samples, _ = all_samples(make_csv(pandas.concat(parts).to_csv()), SAID)
+    assert samples['force_z'] == ([k * 10**9 for k in range(40)], [20.5] * 40)
+    assert samples['temperature_c'] == samples['force_z']
+
+
 @pytest.mark.parametrize('index', [[], ['t'], ['t', 'Fz']])
 def test_a_parquet_file_holds_the_same(make_csv, monkeypatch, index):
     """Its library is not among those of the tests; what pandas gives of it is."""

@@ -163,8 +163,7 @@ class Table:
         told = f'{cat} {shlex.quote(str(self.path))}'
         made = (f'{self.path.stem}_{what}.csv' for what in ('part_1', 'part_2', 'oldest_first'))
         one, two, turned = map(shlex.quote, made)  # in the working directory
-        stamps_ns: IntArray = np.empty(0, np.int64)
-        lines = stamps_ns
+        held: Rows | None = None
         for number, text in self._texts(progress):
             is_whole, where = text.endswith('\n'), f'Line {number} of {self.name}'
             try:
@@ -184,29 +183,32 @@ class Table:
                     f'({self.header.names[-1]} = {cell!r}) is incomplete.'
                 )
             runs_back = len(rows.lines) > n and rows.stamps_ns[-1] < rows.stamps_ns[0]
-            if not len(stamps_ns) and runs_back and (np.diff(rows.stamps_ns) <= 0).all():
+            if held is None and runs_back and (np.diff(rows.stamps_ns) <= 0).all():
                 raise RecordingError(
                     f'{self.name} has its newest row first. Turn it round by "(set -C; ({told} | '
                     f'head -n {above}; {told} | tail -n +{above + 1} | tac) > {turned})".'
                 )
-            stamps_ns = np.concatenate([stamps_ns[-2 * n :], rows.stamps_ns])
-            lines = np.concatenate([lines[-2 * n :], rows.lines])
-            for k in (np.flatnonzero(np.diff(stamps_ns) < 0) + 1).tolist():
-                around = stamps_ns[max(k - n, 0) : k + n]
-                steps_ns = np.diff(around)
-                if len(around) == 2 * n and around[-1] < around[0] and (steps_ns < 0).sum() == 1:
+            held = held.part(-2 * n, None).joined(rows) if held else rows
+            for k in (np.flatnonzero(np.diff(held.stamps_ns) < 0) + 1).tolist():
+                around, line = held.part(max(k - n, 0), k + n), held.lines[k]
+                steps_ns = np.diff(around.stamps_ns)
+                is_sure = len(steps_ns) == 2 * n - 1 and (steps_ns < 0).sum() == 1
+                # Other channels may stand below the first ones, as pandas.concat puts them.
+                filled = [np.isfinite(values) for values in around.values.values()]
+                goes_on = any(is_filled[:n].any() and is_filled[n:].any() for is_filled in filled)
+                if is_sure and goes_on and steps_ns.sum() < 0:
                     step_s = float(np.median(steps_ns[: n - 1])) / NANOSECONDS
                     channels = [c.entry(self.header.columns_before) for c in placed.channels]
                     raise RecordingError(
-                        f'The clock of {self.name} begins anew in line {lines[k]}: another '
+                        f'The clock of {self.name} begins anew in line {line}: another '
                         f'recording begins there. Cut it by "(set -C; {told} | head -n '
-                        f'{lines[k] - 1} > {one} && ({told} | head -n {above}; {told} | tail -n '
-                        f'+{lines[k]}) > {two})". If it is the same recording, whose clock was '
+                        f'{line - 1} > {one} && ({told} | head -n {above}; {told} | tail -n '
+                        f'+{line}) > {two})". If it is the same recording, whose clock was '
                         "set or ran over, and rows come at a fixed rate, count them: --columns '"
                         f"{','.join([f'stamp=#*{step_s:g}', *channels])}' --time s."
                     )
             yield rows
-        if not len(stamps_ns):
+        if held is None:
             raise RecordingError(f'{self.name} holds no complete row; nothing was recorded.')
 
     def _read(self, text: str, number: int, convert: '_RowConverter') -> Rows:
