@@ -239,6 +239,7 @@ BAD = [
     (HEADER + '0,1,20\n1,1_0,20\n', "Line 3 of run.csv, column force_z.*number.*'1_0'"),
     (HEADER + '0,1,20\n1,1,\n2,1,x\n', "Line 4 of run.csv, column temperature_c.*got 'x'"),
     ('stamp_s;force_z;temperature_c\n' + '0;1.5;20\n' * 300 + '1;1,5;20\n', "a number, got '1,5'"),
+    (lines(comma=True), 'have 5 cells below 3 names, and no decimal points. If .* are commas'),
     ('stamp_s;force_z;temperature_c\n0;1,5,0;20\n', "expected a number, got '1,5,0'"),
     *((f'{HEADER}0,1,20\n{bad},1,20\n', f"Line 3 of run.csv, column stamp_s.*got '{bad}'")
       for bad in ('', '-', 'nan', '1e40', '1_0', '8 h')),

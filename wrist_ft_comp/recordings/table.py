@@ -100,7 +100,8 @@ class Table:
             raise RecordingError(
                 f'{self.name} is empty; expected rows below stamp_s,force_z,temperature_c.'
             )
-        self.header = table_format.find_header(lines[: table_format.FIRST_LINES], columns_before)
+        lines = lines[: table_format.FIRST_LINES]
+        self.header = table_format.find_header(lines, columns_before, self.name)
 
     def _pieces(self, progress: Progress | None) -> Iterator[str]:
         """Read the text, about BLOCK characters at a time."""

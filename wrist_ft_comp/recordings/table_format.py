@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp import units
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.units import plain_unit, TIME_UNITS_NS
 
@@ -155,8 +156,8 @@ class Header:
         return float(plain.replace(',', '.'))
 
 
-def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
-    """Find how a table is laid out from its first lines."""
+def find_header(as_written: Sequence[str], columns_before: int, table: str) -> Header:
+    """Find how a table is laid out from its first lines; RecordingError if decimals are cells."""
     last_line = next(line for line in reversed(as_written) if line.strip())
     replaced = [(what, by) for what, by, n in _REPLACED if len(what.findall(last_line)) >= n]
     lines = [Header(replaced=tuple(replaced)).plain_text(line) for line in as_written]
@@ -189,6 +190,14 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
     told = _numbered(lines_above, width)
     above = _rows_above([] if told else lines_above, columns, delimiter)
     names = next(filter(_is_of_names, above), above[-1] if above else [])
+    widest = max(map(len, rows[:first]), default=width)
+    has_points = any('.' in cell for row in last for cell in row if NUMBER.fullmatch(cell))
+    if names and delimiter == ',' and widest < width - 1 and not has_points:
+        raise RecordingError(
+            f'Rows of {table} have {width} cells below {widest} names, and no decimal points. If '
+            'its decimal signs are commas, save it with points, or with semicolons between '
+            'cells; if not, name every column.'
+        )
     in_cells = [unit_behind(cell) or '' for row in rows[first : first + 1] for cell in row]
     others = [k for k in range(first) if [*filter(None, rows[k])] != [*filter(None, names)]]
     labelled = [['', *row[1:]] for row in rows[:first] if row and _UNIT_ROW.fullmatch(row[0])]
