@@ -4,6 +4,7 @@ import json
 import re
 
 import numpy as np
+import pandas
 import pytest
 from scipy.signal import lfilter
 
@@ -136,6 +137,28 @@ def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, pair
         for command, more in (('evaluate', []), ('compensate', out)):
             sentence = run(command, pair_model, path, *more).sentence
             assert f'{path.name} has 1 thermometers, the model expects 2. {words}' in sentence
+
+
+@pytest.mark.parametrize(('room_c', 'begins_s', 'is_warm'), [
+    (20.0, 0, False), (30.0, 0, False), (20.0, 1500, True), (20.0, 3600, True),
+], ids=['cold', 'soaked in a warm room', 'warms', 'hot'])  # fmt: skip
+def test_a_recording_that_begins_on_a_warm_robot_is_doubted(  # noqa: PLR0913, PLR0917
+    room_c, begins_s, is_warm, run, make, make_model, save, lagged, tmp_path
+):
+    model = make_model({'force_z': (0.4, 0.0, 900.0)}, range_c=(20.0, 60.0))
+    path = save(tmp_path / 'model.yaml', model).path
+    t = np.arange(9000.0)
+    celsius = room_c + lagged(25.0 * ((t > 600) & (t < 4200)), 300, period_s=1.0)
+    force = 0.4 * lagged(celsius, 900, period_s=1.0)
+    columns = {'stamp_s': t, 'temperature_c': celsius, 'force_z': force}
+    columns = {name: column[begins_s:] for name, column in columns.items()}
+    day = make.csv(tmp_path / 'day.csv', columns)
+    for argv in (['evaluate', path, day], ['compensate', path, day, '-o', tmp_path / 'out.csv']):
+        said = re.findall(r'begins on a warm robot.* (\S+) N off.* 45 min', run(*argv).err)
+        assert len(said) == is_warm
+    if is_warm:
+        left = pandas.read_csv(tmp_path / 'out.csv')['force_z']
+        assert np.ptp(left) < 1.1 * float(said[0])
 
 
 @pytest.fixture(scope='module')

@@ -28,10 +28,10 @@ def seen(make_recording):
     return make
 
 
-def advice(coverage, levels=None, reference='unloaded', hours=(2.0,), **more):
+def advice(coverage, levels=None, reference='unloaded', hours=(2.0,), warnings=(), **more):
     recordings = [SimpleNamespace(duration_s=3600 * h) for h in hours]
     levels = dict.fromkeys(AXES, 'good') if levels is None else levels
-    return '\n'.join(advise(Case(recordings, coverage, reference, levels, (), **more)))
+    return '\n'.join(advise(Case(recordings, coverage, reference, levels, warnings, **more)))
 
 
 def test_time_without_a_wrench_is_not_counted(make_recording):
@@ -48,6 +48,7 @@ PAIR = np.stack((ramp(20, 30), ramp(20, 40)), axis=1)
 BOTH_WAYS = np.concatenate((ramp(20, 35), ramp(35, 25)))
 #: Of an evaluation, where two thermometers stayed in their range.
 JUDGED = {'learnt_c': [(0.0, 50.0)] * 2}
+WARM = ['day.csv begins on a warm robot. Unless it had rested, ...']
 BEYOND = {'levels': {'force_z': 'weak'}, 'beyond': ['force_z']}
 #: Temperatures, what else is known, and a part of what is asked for, or of what is not.
 ASKED = [
@@ -57,6 +58,7 @@ ASKED = [
     (ramp(20, 30), {'levels': {'force_x': 'weak'}}, 'One thermometer does not', ''),
     (PAIR, JUDGED | {'levels': {'force_x': 'weak', 'force_y': 'uncalibrated'}}, 'order of', ''),
     (PAIR, JUDGED | {'levels': {'force_x': 'weak', 'force_y': 'good'}}, '', 'the order of'),
+    (PAIR, JUDGED | {'levels': {'force_x': 'weak'}, 'warnings': WARM}, 'from cold', 'order of'),
     (PAIR, JUDGED | {'levels': {'force_x': 'harmful'}}, 'Do not run this model: it makes fo', ''),
     (ramp(20, 35), {'levels': {'force_x': 'weak'}, 'learnt_c': [(0.0, 50.0)]}, '', 'order of'),
     (ramp(20, 30), {'levels': {'force_x': 'good'}}, '', 'not explain'),

@@ -30,10 +30,11 @@ _TIME_CONSTANTS = 4.0
 _SHORTEST_S = 3600.0
 #: Warming is missing where it is less than this share of cooling, and the other way round.
 _ONE_WAY_SHARE = 0.2
-#: What is warned of where a load moves (fit/outliers_and_steps.py), and where thermometers are
-#: exchanged (stream/exchanged_thermometers.py).
+#: What is warned of where a load moves (fit/outliers_and_steps.py), where thermometers are
+#: exchanged (stream/exchanged_thermometers.py), and at a warm start (stream/drift_warnings.py).
 _MOTION = 'swings around its levels'
 _EXCHANGED = 'read what is expected of each other'
+_WARM = 'begins on a warm robot'
 _CALIBRATE_AGAIN = 'Calibrate again with these recordings among the others.'
 
 
@@ -136,7 +137,9 @@ def advise(case: Case) -> tuple[str, ...]:
     if case.learnt_c:
         none_is_good = poor and {*case.levels.values()} <= {'weak', 'harmful', 'uncalibrated'}
         doubted = any(_EXCHANGED in warning for warning in case.warnings)
-        if doubted or (none_is_good and len(case.learnt_c) > 1):
+        if poor and any(_WARM in warning for warning in case.warnings):
+            steps.append('A recording begins on a warm robot. Judge the model on one from cold.')
+        if doubted or (none_is_good and len(case.learnt_c) > 1 and not steps):
             steps.append(
                 'Are the thermometers in the order of the model? Where two are exchanged, every '
                 'correction is wrong. Name topics or columns in the order of the calibration.'

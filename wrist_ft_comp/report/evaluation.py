@@ -16,6 +16,7 @@ from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording, Reference
 from wrist_ft_comp.series import FloatArray, rounded
 from wrist_ft_comp.stream import drift_of_recordings as replayed
+from wrist_ft_comp.stream.drift_warnings import start_doubts
 from wrist_ft_comp.stream.tare import tare_at_start
 
 #: Temperatures that leave a range by less than this do not leave it, K.
@@ -126,6 +127,7 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
                 f'{column.max():.1f} °C; the model was learnt from {low:.1f} to {high:.1f} °C. '
                 f'For {rounded(100 * share, 2)} % of the time the correction is a guess.'
             )
+    sentences += start_doubts(stored.model, recording)
     heard = recording.measured
     if stored.model.prediction is not None:  # one that is silent is predicted by the others
         heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)

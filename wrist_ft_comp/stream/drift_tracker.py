@@ -13,7 +13,7 @@ from wrist_ft_comp.stream import (
     temperature_gaps,
 )
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
-from wrist_ft_comp.stream.drift_uncertainty import SPAN_S, Uncertainty
+from wrist_ft_comp.stream.drift_uncertainty import span_cells, SPAN_S, Uncertainty
 from wrist_ft_comp.stream.failed_thermometers import ThermometerState
 from wrist_ft_comp.stream.temperature_gaps import ThermalMemory, why_forgotten
 from wrist_ft_comp.stream.temperature_jumps import FASTEST_K_S, Jump, JUMP_K, SpikeFilter
@@ -219,7 +219,7 @@ class DriftTracker:
         off = off + self._off_at_start(self.model, len(self.history_c) - len(line_c))
         for begin, end in self._gaps()[-1:]:
             since = len(self.history_c) - end
-            if since - len(line_c) < self._span(self.model) <= since:
+            if since - len(line_c) < span_cells(self.model) <= since:
                 off = off + self._doubt_mean(self.model, begin, end)
         if off.any():
             if self.uncertainty is not None:
@@ -228,11 +228,10 @@ class DriftTracker:
 
     def _off_at_start(self, model: DriftModel, cells_before: int) -> FloatArray:
         """Bound what the start left wrong of the drift, once SPAN_S has come; else 0, (6,)."""
-        span = self._span(model)
-        if not cells_before < span <= len(self.history_c):
+        if not cells_before < span_cells(model) <= len(self.history_c):
             return np.zeros(len(AXES))
         known_k = None if self.uncertainty is None else np.zeros(self._count)
-        return drift_uncertainty.doubt_start(model, self.history_c[:span], self.memory_s, known_k)
+        return drift_uncertainty.doubt_start(model, self.history_c, self.memory_s, known_k)
 
     def _gaps(self) -> list[tuple[int, int]]:
         """Give where gaps of the history begin and end."""
@@ -242,8 +241,7 @@ class DriftTracker:
     def _doubt_mean(self, model: DriftModel, begin: int, end: int) -> FloatArray:
         """Bound the drift where temperatures move otherwise after a gap than in it, (6,)."""
         gap_s = (end - begin) * model.period_ns / NANOSECONDS
-        after_c = self.history_c[end : end + self._span(model)]
-        slope_k = self.history_c[end] - self.history_c[end - 1]
+        slope_k, after_c = self.history_c[end] - self.history_c[end - 1], self.history_c[end:]
         return drift_uncertainty.doubt_start(model, after_c, min(gap_s, self.memory_s), slope_k)
 
     def _off_in_gaps(self, model: DriftModel) -> FloatArray:
@@ -263,10 +261,6 @@ class DriftTracker:
             bound = np.abs(bounds - zero).max(axis=0) + self._doubt_mean(model, begin, end)
             off = off + Uncertainty(ended_ns, bound).left(self.end_ns, self.memory_s)
         return off
-
-    @staticmethod
-    def _span(model: DriftModel) -> int:
-        return max(round(SPAN_S * NANOSECONDS / model.period_ns), 2)
 
     def _stood_still(self, cell: ThermalCell, gap_s: float) -> str:
         """Say that clocks stood still in a gap: all temperatures moved farther than they can."""
@@ -333,7 +327,7 @@ class DriftTracker:
             begun_ns = self.end_ns - len(self.history_c) * model.period_ns
             known, self.uncertainty = self.uncertainty, None
             off = self._off_at_start(model, 0)
-            begun = Uncertainty(begun_ns + self._span(model) * model.period_ns, off)
+            begun = Uncertainty(begun_ns + span_cells(model) * model.period_ns, off)
             self.uncertainty = begun if off.any() else known
             if off.any() and known is not None:  # as a quicker model saw it
                 both = (one.left(self.end_ns, self.memory_s) for one in (known, begun))

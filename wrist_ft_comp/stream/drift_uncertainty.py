@@ -84,6 +84,11 @@ def doubt_held(
     return np.asarray(np.abs(of_line[1].zero - of_held[1].zero)[len(held_c) :].max(axis=0))
 
 
+def span_cells(model: DriftModel) -> int:
+    """Count the thermal cells of SPAN_S, two at least."""
+    return max(round(SPAN_S * NANOSECONDS / model.period_ns), 2)
+
+
 def warmest_room_c(model: DriftModel) -> FloatArray:
     """Give what thermometers may read in a room, °C, (J,), by the coldest of the calibration."""
     coldest_c = [axis.range_c[0] for axis in model.axes.values()] or [np.full(1, np.inf)]
@@ -96,12 +101,13 @@ def doubt_start(
     """
     Bound how far the zero drift is off where the sensor had not soaked, N and N m, (6,).
 
-    Takes the first temperatures, °C, (n, J), of SPAN_S. Where they move, they may have done so
+    Of temperatures, °C, (n, J), the first SPAN_S count. Where they move, they may have done so
     before, from the coldest room or the hottest work that the model was learnt from. A robot that
     was switched on just now warms from the temperature of its room, and had soaked. What is warmer
     than a room may have come up in the slowest time constant, unless it is known, and taken into
     account, how fast temperatures moved before on the mean, K per cell, (J,).
     """
+    start_c = start_c[: span_cells(model)]
     if slope_k is not None:
         start_c = start_c - slope_k * np.arange(len(start_c))[:, np.newaxis]
     some = max(len(start_c) // 6, 1)

@@ -10,13 +10,19 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream import exchanged_thermometers, failed_thermometers
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
+from wrist_ft_comp.stream.drift_uncertainty import doubt_start
+from wrist_ft_comp.stream.temperature_gaps import longest_gap_s
 
 #: Drift that may be off by fewer standard deviations of the model than this is not doubted.
 _CERTAIN = 3.0
+#: A recording that stands still at first, and cools by this later, K, was warm by work, not by its
+#: room: rooms vary by less.
+_COOLS_K = 2.0
 
 
 def gap_doubts(tracker: DriftTracker) -> list[str]:
@@ -27,6 +33,20 @@ def gap_doubts(tracker: DriftTracker) -> list[str]:
     sentence = (
         'the thermal state is uncertain, because the robot was warm at the start, or temperatures '
         f'were missing, or their clock was set: {worst} off, and less and less from now on'
+    )
+    return [sentence] if worst else []
+
+
+def start_doubts(model: DriftModel, recording: Recording) -> list[str]:
+    """Say how far the drift of a recording may be off, because the robot was warm before."""
+    memory_s, celsius = longest_gap_s(model), recording.temperature_c
+    cools = (celsius.min(axis=0) < celsius[0] - _COOLS_K).any()
+    soaked_k = None if cools else np.zeros(recording.thermometers)
+    worst = _off(model, doubt_start(model, celsius, memory_s, soaked_k))
+    sentence = (
+        f'{recording.name} begins on a warm robot. Unless it had rested, {worst} off, less and '
+        f'less over {memory_s / 60:.0f} min, and by a tare at the beginning to the end. Record '
+        'from cold; leave a warm-up out by --exclude, not by --from: its temperatures count.'
     )
     return [sentence] if worst else []
 
