@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.errors import OutputError, RecordingError
+from wrist_ft_comp.errors import OutputError
 from wrist_ft_comp.recording import Correction, Topics
 from wrist_ft_comp.recordings.bag import decode
 from wrist_ft_comp.recordings.column_map import COMPENSATED
@@ -38,8 +38,6 @@ def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its def
     """
     source, target = Path(source), Path(target)
     copy = check_copy(source, target, output_topic)
-    with writing(target):
-        target.parent.mkdir(parents=True, exist_ok=True)
     with (
         writing(target),
         TemporaryDirectory(prefix=f'.{target.name}.', dir=target.parent) as folder,
@@ -69,8 +67,6 @@ def check_copy(
                     f'{opened.name} holds {output_topic} already; name another topic for the '
                     'output.'
                 )
-        elif opened.compensated:
-            raise RecordingError(opened.compensated)
     copy.check_target(target, [source, *others])
     return copy
 

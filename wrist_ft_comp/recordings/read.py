@@ -283,9 +283,12 @@ def read_recording(
 
     Memory grows with the number of cells only. Topics of a bag are the node's own names by
     default. The recording's warnings say what was left out. RecordingError when it cannot be read,
-    when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
+    when more than ``max_bad_share`` of a channel cannot be used, when a channel is missing, or
+    when it was compensated already.
     """
     with open_recording(Path(path), topics or Topics()) as source:
+        if isinstance(source, OpenTable) and source.compensated:
+            raise RecordingError(source.compensated)
         return read_opened(source, period_s, max_bad_share, progress)
 
 
