@@ -90,8 +90,10 @@ def test_a_map_beside_the_recordings_is_written_once(logs, done, run, make):
     twice = 'stamp=t,force_x=fz,force_z=fz'
     assert 'twice: for force_x and for force_z' in run('show', other, '--columns', twice).sentence
     assert "no column 'x', which --columns" in run('show', other, '--columns', 'stamp=x').sentence
-    beside.write_text('columns: stamp=t\nwho: me\n')
-    assert 'must have the keys columns and time' in run('show', other).sentence
+    for text, why in (('columns: stamp=t\nwho: me\n', 'must have the keys'), ('a: [', 'be read')):
+        beside.write_text(text)
+        assert why in run('show', other).sentence
+        done('show', logs[0], *GIVEN)
 
 
 def test_a_bump_is_left_out_and_named_by_the_files_own_time(logs, run):
@@ -137,10 +139,12 @@ def test_what_stands_in_a_file_beside_is_read_as_it_is_on_the_command_line(
     header = 'stamp_s,force_z,temperature_c'
     path = write(tmp_path / 'log.csv', header, (T, FORCE, CELSIUS))
     path.with_name('recording.yaml').write_text(beside)
-    if cells is None:
-        assert 'A stretch is A..B' in run('show', path).sentence
-    else:
-        assert len(read_recording(path)) == cells
+    for columns in ('', 'stamp=stamp_s'):
+        if cells is None:
+            refused = run('show', path, '--columns', columns).sentence
+            assert 'A stretch is A..B' in refused
+        else:
+            assert len(read_recording(path, topics=Topics(columns=columns))) == cells
 
 
 @pytest.mark.parametrize('form', ['Ty [%s]', 'Ty / %s', 'Ty/%s', 'Ty, %s', 'Ty %s', 'Ty_%s'])

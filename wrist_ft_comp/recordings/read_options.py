@@ -128,18 +128,25 @@ def parse_options(topics: Topics, source: str = '--columns') -> ReadOptions:
 def options_beside(table: Path, topics: Topics) -> ReadOptions:
     """Understand what was said of a table, and what ``recording.yaml`` beside it says more."""
     beside = table.with_name(MAP_FILE)
-    if topics.columns or not beside.is_file():
+    if not beside.is_file():
         return parse_options(topics)
     try:
         # Texts alone: YAML takes 1:20 for 80, and it is 1 h 20 min. An empty value is ''.
         content = yaml.load(beginning(beside), yaml.BaseLoader)  # noqa: S506 -- safe, too
     except yaml.YAMLError as error:
-        raise RecordingError(f'{beside} cannot be read: {error}.') from error
+        if not topics.columns:
+            raise RecordingError(f'{beside} cannot be read: {error}.') from error
+        content = None
     if not isinstance(content, dict) or not content.keys() <= _KEYS:
+        if topics.columns:
+            return parse_options(topics)
         raise RecordingError(
             f'{beside} must have the keys columns and time, perhaps from, until and exclude, and '
             'no others. If it is of another program, move it, or give --columns.'
         )
+    source = f'{MAP_FILE} beside it'
+    if topics.columns:  # with the time that is given: a form of time is one of a column
+        source, content = '--columns', content | {'columns': topics.columns, 'time': topics.time}
     entries, exclude = content.get('columns', ''), content.get('exclude') or []
     exclude = [exclude] if isinstance(exclude, str) else exclude
     if isinstance(entries, dict):
@@ -152,7 +159,7 @@ def options_beside(table: Path, topics: Topics) -> ReadOptions:
         end=topics.end or str(content.get('until', '')),
         exclude=topics.exclude or tuple(map(str, exclude)),
     )
-    return parse_options(said, f'{MAP_FILE} beside it')
+    return parse_options(said, source)
 
 
 def recipe(columns: str, time: str) -> list[str]:
