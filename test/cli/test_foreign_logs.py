@@ -93,7 +93,7 @@ def test_a_map_beside_the_recordings_is_written_once(logs, done, run, make):
     for text, why in (('columns: stamp=t\nwho: me\n', 'must have the keys'), ('a: [', 'be read')):
         beside.write_text(text)
         assert why in run('show', other).sentence
-        done('show', logs[0], *GIVEN)
+        done('compensate', 'model.yaml', logs[0], '-o', f'{why}.csv', *GIVEN)
 
 
 def test_a_bump_is_left_out_and_named_by_the_files_own_time(logs, run):

@@ -49,28 +49,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    topics = options.topics_from(arguments, [arguments.recording])
+    source, target = arguments.recording, arguments.output
+    topics = options.topics_from(arguments, [source])
     check_range('--tare', arguments.tare, 0.0)
-    check_copy(arguments.recording, arguments.output, arguments.output_topic, [arguments.model])
+    check_copy(source, topics, target, arguments.output_topic, [arguments.model])
     stored = load_model(arguments.model)
     model, warnings = stored.model, [] if arguments.tare else [_UNTARED]
     with progress_bar('compensating') as progress, ExitStack() as stack:
         gc.disable()  # messages make no cycles, and looking for some takes half of the time
         stack.callback(gc.enable)
         recording = read_recording(
-            arguments.recording, period_s=model.period_ns / NANOSECONDS, topics=topics,
+            source, period_s=model.period_ns / NANOSECONDS, topics=topics,
             progress=lambda done: progress(done / 3))  # fmt: skip
         warnings += check_sensor(stored, recording.sensor, f'in {recording.name}')
         warnings += recording.warnings
         track = track_drift(model, recording)
         tare = initial_tare(model, recording, arguments.tare)
         warnings += rewrite_recording(
-            arguments.recording, arguments.output,
-            lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
-            output_topic=arguments.output_topic,
+            source, target, lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare),
+            topics=topics, output_topic=arguments.output_topic,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
     warnings += range_warnings(stored, recording)
     taken_off = dict(zip(AXES, tare.tolist(), strict=True))
-    document = {'output': arguments.output, 'tare': taken_off, 'warnings': warnings}
-    print_result([f'wrote {arguments.output}'], document, warnings, as_json=arguments.json)
+    document = {'output': target, 'tare': taken_off, 'warnings': warnings}
+    print_result([f'wrote {target}'], document, warnings, as_json=arguments.json)
     return 0

@@ -36,12 +36,12 @@ def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its def
     axes. RecordingError when the source cannot be read or the target cannot be made; a failure
     leaves nothing behind.
     """
-    source, target = Path(source), Path(target)
-    copy = check_copy(source, target, output_topic)
+    source, target, topics = Path(source), Path(target), topics or Topics()
+    copy = check_copy(source, topics, target, output_topic)
     with (
         writing(target),
         TemporaryDirectory(prefix=f'.{target.name}.', dir=target.parent) as folder,
-        open_recording(source, topics or Topics()) as opened,
+        open_recording(source, topics) as opened,
     ):
         made = Path(folder) / target.name
         if isinstance(opened, OpenTable):
@@ -55,11 +55,11 @@ def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its def
 
 
 def check_copy(
-    source: Path, target: Path, output_topic: str, others: Sequence[Path] = ()
+    source: Path, topics: Topics, target: Path, output_topic: str, others: Sequence[Path] = ()
 ) -> Output:
     """Refuse a target of a copy, or a topic that is added to it, before anything is read."""
     copy = Output(name='copy', endings='.csv')
-    with open_recording(source, Topics()) as opened:
+    with open_recording(source, topics) as opened:
         if isinstance(opened, OpenBag):
             copy = Output(name='copy of a bag (a folder)', endings='nothing')
             if opened.bag.named(output_topic):
