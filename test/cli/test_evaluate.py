@@ -113,6 +113,18 @@ def test_a_thermometer_that_froze_in_a_file_is_named_once(run, make, pair_model,
         assert said.count('thermometer 2 stands still') == 1
 
 
+def test_a_model_does_not_hold_where_an_axis_drifts_that_it_does_not_know(
+    done, make, pair_model, tmp_path
+):
+    columns, noise = lagged_pair(11), np.random.default_rng(0).normal(0, 0.02, 1080)
+    for drifts in (0, 1):
+        columns['force_x'] = noise + drifts * np.array(columns['force_z'])
+        path = make.csv(tmp_path / 'day.csv', columns)
+        advice = json.loads(done('evaluate', pair_model, path, '--json'))['advice'][0]
+        assert ('learnt without force_x, whose drift stays' in advice) == drifts
+        assert advice.startswith('The model holds') == (not drifts)
+
+
 def test_exchanged_columns_are_noticed(done, make, pair_model, tmp_path):
     columns, names = lagged_pair(11), ['temperature_c', 'temperature_2_c']
     for order in (1, -1):

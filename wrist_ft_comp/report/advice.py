@@ -90,6 +90,8 @@ class Case:
     learnt_c: Sequence[tuple[float, float]] = ()
     #: Of an evaluation: axes whose errors are above the stated limit.
     beyond: Sequence[str] = ()
+    #: Of an evaluation: axes that drift, and that the calibration did not hold.
+    unlearnt: Sequence[str] = ()
 
 
 def start_command() -> list[str]:
@@ -227,6 +229,9 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
             f'In these recordings {_enumerate(outside)} left the range that the model was learnt '
             f'from; outside of it the limits say nothing. {_CALIBRATE_AGAIN}'
         )
+    elif case.unlearnt:
+        without = _enumerate(case.unlearnt)
+        yield f'The model was learnt without {without}, whose drift stays. {_CALIBRATE_AGAIN}'
     elif case.run and {'good'} <= {*case.levels.values()} <= {'good', 'uncalibrated'}:
         yield f'The model holds on these recordings. Run it:\n{case.run}'
 

@@ -27,7 +27,8 @@ MOST_ADVICE = 3
 _FIGURES = 'before, left: root mean square.'
 #: Errors below this one, N or N m, are written as 0: no sensor resolves them.
 _RESOLVED = 1e-6
-#: The entry of an axis that the model does not know.
+#: The verdict on an axis that the model does not know, and its entry.
+_NOT_HELD = 'The recordings that the model was learnt from do not hold this axis'
 _NO_ENTRY = {'chosen': 'none', 'time_constants_s': [], 'candidates': [], 'notes': []}
 
 
@@ -215,7 +216,8 @@ def evaluation_content(
         parts = list(zip(names, *by_fold, strict=True))
         verdict = verdicts.judge(verdicts.Evidence(
             unit, errors, series.noise, compensated=axis in stored.model.axes,
-            moved_k=moved_k, parts=by_fold, limit=limit))  # fmt: skip
+            moved_k=moved_k, parts=by_fold, limit=limit,
+            refusal='' if axis in stored.document['axes'] else _NOT_HELD))  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
         axes.append(AxisView(axis, unit, verdict, errors, series, entry, limit, parts))
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
@@ -234,6 +236,8 @@ def evaluation_content(
         warnings, paths, stored.sensor.get('temperature_topics', ()),
         run=run if is_another_day else '',
         beyond=[axis.axis for axis in axes if axis.errors.max_after > axis.day_limit],
+        unlearnt=[axis.axis for axis in axes if axis.axis not in stored.document['axes']
+                  and axis.errors.rms_before > verdicts.NOISE_MARGIN * axis.series.noise],
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = ' limit: largest error on 9 of 10 days, as the calibration stated it.'
