@@ -103,9 +103,10 @@ def test_a_thermometer_that_froze_in_a_file_is_named_once(run, make, pair_model,
         make.csv(tmp_path / f'frozen_{frozen}.csv', lagged_pair(11, frozen=frozen))
         for frozen in (False, True)
     )
-    printed = run('evaluate', pair_model, healthy)
+    columns = '--columns', 'force_z=force_z'
+    printed = run('evaluate', pair_model, healthy, *columns)
     assert 'stands still' not in printed.err
-    command = f'wrist_ft_comp compensate {pair_model} {healthy} -o compensated.csv'
+    command = f'compensate {pair_model} {healthy} {" ".join(columns)} -o compensated.csv'
     assert command in printed.out, 'a table names no topics that a node could hear'
     assert '-r wrench_raw:=WRENCH -p \'temperature_topics:=["TEMPERATURE_1", ' in printed.out
     for argv in (['evaluate'], ['compensate', '-o', tmp_path / 'copy.csv']):

@@ -226,7 +226,8 @@ def evaluation_content(
     topics = topics or stored.topics
     run = advices.run_command(topics, stored.path)
     if paths and not {**stored.sensor, **recordings[0].sensor}.get('temperature_topics'):
-        compensate = shlex.join(['wrist_ft_comp', 'compensate', str(stored.path), str(paths[0])])
+        words = [str(stored.path), str(paths[0]), *topics.options('')]
+        compensate = shlex.join(['wrist_ft_comp', 'compensate', *words])
         heat = tuple(f'TEMPERATURE_{j + 1}' for j in range(stored.model.thermometers))
         run = advices.run_command(replace(topics, wrench='WRENCH', temperatures=heat), stored.path)
         run = f'{compensate} -o compensated.csv --tare 60\nOr live, with your topics:\n{run}'
