@@ -54,8 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()  # or an error says why what was printed has not left the process
     except WristFtCompError as error:
         kind, sentence, code = error.kind(), str(error), 2 if isinstance(error, UsageError) else 1
-    except KeyboardInterrupt:
-        kind, sentence = 'interrupted', 'interrupted; nothing was left half-written.'
+    except KeyboardInterrupt as error:
+        kind, sentence = 'interrupted', str(error) or 'interrupted; nothing was left half-written.'
         code = 128 + signal.SIGINT
     except BrokenPipeError:  # the reader of our output has gone, such as "head"
         _abandon_output()

@@ -146,7 +146,11 @@ class Watch:
         if not self.operator.wait_for(client.service_is_ready, DISCOVERY_S):
             raise NodeError(f'{client.srv_name} is not offered. Does the node still run?')
         future = client.call_async(request)
-        self.operator.wait_for(lambda: future.done() or self.silent, float('inf'))
+        try:
+            self.operator.wait_for(lambda: future.done() or self.silent, float('inf'))
+        except KeyboardInterrupt as error:
+            goes_on = f'{self.name} goes on with {action}: its log says how it ends.'
+            raise KeyboardInterrupt(f'interrupted; {goes_on}') from error
         if not future.done():
             raise NodeError(
                 f'{self.name} has said nothing for {SILENCE_S:.0f} s: it has ended, or hangs. Its '

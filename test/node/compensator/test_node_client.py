@@ -90,12 +90,21 @@ def test_the_status_is_one_page_of_text_or_json(wired, operate):
     assert statuses.keys() >= {'input', 'temperature', 'model', 'calibration', 'output'}
 
 
-def test_a_node_that_falls_silent_is_no_longer_waited_for(wired, operate, monkeypatch):
+def ctrl_c(_):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(('silent', 'code', 'words'), [
+    (lambda _: True, 1, 'has said nothing'), (ctrl_c, 130, 'wrist_ft_comp goes on with tare'),
+])  # fmt: skip
+def test_a_node_that_falls_silent_is_no_longer_waited_for(  # noqa: PLR0913, PLR0917
+    silent, code, words, wired, operate, monkeypatch
+):
     node = wired()
     monkeypatch.setattr(node.node.tare, 'poll', lambda: None)
-    monkeypatch.setattr(operator.Watch, 'silent', True)
-    code, _, refusal = operate('tare', node.namespace)
-    assert (code, 'has said nothing' in refusal) == (1, True)
+    monkeypatch.setattr(operator.Watch, 'silent', property(silent))
+    ended, _, refusal = operate('tare', node.namespace)
+    assert (ended, words in refusal) == (code, True)
 
 
 WORDS = st.text(st.characters(codec='utf-8', exclude_categories=['Cc', 'Cs']), max_size=300)
