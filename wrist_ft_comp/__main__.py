@@ -12,8 +12,13 @@ def main() -> int:
     """Run the command line; returns the exit code."""
     for name, value in ONE_THREAD.items():
         os.environ.setdefault(name, value)
-    from wrist_ft_comp.cli.main import main as run  # noqa: PLC0415 -- loads numpy
-
+    if sys.stdout is None:  # a shell closed it, by >&-
+        sys.stdout = open(os.devnull, 'w')  # noqa: PTH123, SIM115 -- until the process ends
+    try:
+        from wrist_ft_comp.cli.main import main as run  # noqa: PLC0415 -- loads numpy
+    except KeyboardInterrupt:
+        sys.stderr.write('wrist_ft_comp: interrupted.\n')
+        return 130
     return run()
 
 

@@ -16,6 +16,7 @@ import termios
 import pytest
 
 import wrist_ft_comp
+from wrist_ft_comp import __main__ as executables
 from wrist_ft_comp.cli.main import build_parser
 from wrist_ft_comp.errors import RecordingError
 
@@ -109,6 +110,18 @@ def test_a_reader_that_leaves_is_no_error(process, drift_csv):
             os.close(writing)
             _, err = child.communicate(timeout=60)
         assert (child.returncode, err) == (0, '')
+    with process('show', drift_csv, preexec_fn=lambda: os.close(1)) as child:
+        assert (child.communicate(timeout=60)[1], child.returncode) == ('', 0)
+
+
+def test_ctrl_c_while_numpy_is_loaded_is_a_line(monkeypatch, capsys):
+    class Loading:
+        def __getattr__(self, name):
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, 'wrist_ft_comp.cli.main', Loading())
+    code = executables.main()
+    assert (code, capsys.readouterr().err) == (130, 'wrist_ft_comp: interrupted.\n')
 
 
 @pytest.mark.skipif(not Path('/dev/full').exists(), reason='this system has no /dev/full')
