@@ -80,12 +80,15 @@ def test_a_step_is_found_once_among_few_wrenches_and_beside_pauses(day, away, si
     assert abs(np.nanmedian((found.wrench - plain.wrench)[2000:, 2])) < 0.2
 
 
-def test_a_calibration_and_an_evaluation_go_on_after_steps(day):
+@pytest.mark.parametrize(
+    'steps', [[(1500, 5.0)], [(1500, 9.0), (1580, -9.0)], [(900, 60.0), (2000, 1.5)]]
+)
+def test_a_calibration_and_an_evaluation_go_on_after_steps(day, steps):
     plain = calibrate([day(1), day(2)])
     days = [day(1, stepped((900, 8.0), (2500, -3.0))), day(2)]
     calibration = calibrate(days)
     assert sum('A new segment begins there' in warning for warning in calibration.warnings) == 2
-    judged = day(3, stepped((1500, 5.0)))
+    judged = day(3, stepped(*steps))
     left, without = (evaluate(model.model, [judged])['force_z'] for model in (calibration, plain))
     assert left.rms_after < 1.2 * without.rms_after + NOISE
     usual = evaluate(plain.model, [day(3)])['force_z']

@@ -33,6 +33,9 @@ MOVING = {'N': 1.0, 'N m': 0.1}
 _STEP_SHARE = 0.05
 #: A driver is started again in less than this, s; a recorder goes on after ten minutes.
 _RESTART_S = 660.0
+#: A step hides the other end of a touch, and what is small beside it. Steps are looked for so many
+#: times at most: of 100 kinds of touches, one time judges 27 otherwise, and three times 2.
+_ROUNDS = 5
 #: Drift can be learnt from a segment of at least this length, s. A recording is refused where such
 #: segments are less than half of it.
 SHORTEST_SEGMENT_S = 600.0
@@ -186,43 +189,50 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
     at = np.flatnonzero(counts)
     widest = max(BESIDE_S / 4 / recording.period_s, _cells_apart(at))
     begins = [0, *at[1:][np.diff(at) > widest].tolist(), len(raw)]
-    smallest = _STEP_SHARE * (np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0))
-    steps, one_load = list[Step](), np.zeros(len(raw), dtype=np.int64)
-    for begin, end in pairwise(begins):
-        part = raw[np.newaxis, begin:end], one_load[begin:end], counts[begin:end]
-        steps += [
-            replace(step, cell=begin + step.cell)
-            for step in find_steps(*part, noise, recording.period_s)
-            if step.certain and (abs(step.jump) > smallest).any()
-        ]
-    for step in steps:
-        raw[step.cell :] -= step.jump
-    steps += _steps_in_gaps(raw, at, begins[1:-1], smallest + SMALLEST_SIGMA * noise, recording)
-    steps.sort(key=lambda step: step.cell)
-    if not steps:
+    jumps, one_load = dict[int, FloatArray](), np.zeros(len(raw), dtype=np.int64)
+    for _ in range(_ROUNDS):
+        steps, smallest = list[Step](), _STEP_SHARE * (np.nanmax(raw, 0) - np.nanmin(raw, 0))
+        for begin, end in pairwise(begins):
+            part = raw[np.newaxis, begin:end], one_load[begin:end], counts[begin:end]
+            steps += [
+                replace(step, cell=begin + step.cell)
+                for step in find_steps(*part, noise, recording.period_s)
+                if step.certain and (abs(step.jump) > smallest).any()
+            ]
+        for step in steps:
+            raw[step.cell :] -= step.jump
+        least = smallest + SMALLEST_SIGMA * noise
+        steps += _steps_in_gaps(raw, at, begins[1:-1], least, recording)
+        for step in steps:
+            jumps[step.cell] = jumps.get(step.cell, 0.0) + step.jump
+        if not steps:
+            break
+    cells = sorted(cell for cell, jump in jumps.items() if (abs(jump) > smallest).any())
+    if not cells:
         return recording, []
-    ends = [0, *(step.cell for step in steps), len(recording)]
+    # Of a touch one end counts.
+    apart_s = np.diff(cells, prepend=0) * recording.period_s
+    ends = [0, *np.array(cells)[apart_s > BESIDE_S].tolist(), len(recording)]
     lengths_s = np.diff(ends) * recording.period_s
     usable_s = lengths_s[lengths_s >= SHORTEST_SEGMENT_S].sum()
-    if usable_s < recording.duration_s / 2 and len(steps) > 1:
+    if usable_s < recording.duration_s / 2 and len(ends) > 3:
         raise CalibrationRefusedError(
-            f'{recording.name} steps {len(steps)} times, from {time_in(recording, ends[1])} to '
+            f'{recording.name} steps {len(ends) - 2} times, from {time_in(recording, ends[1])} to '
             f'{time_in(recording, ends[-2])}, and only {usable_s:.0f} s of '
             f'{recording.duration_s:.0f} s are in segments of {SHORTEST_SEGMENT_S:.0f} s or '
             'more: too little to learn from. Record again without contacts and tares, or record '
             'the specific force (--reference payload).'
         )
     wrench, sentences = recording.wrench.copy(), list[str]()
-    for step in steps:
-        wrench[step.cell :, columns] -= step.jump
-        jumps = ', '.join(
+    wrench[:, columns] = raw
+    for cell in cells:
+        sizes = ', '.join(
             f'{AXES[column]} by {rounded(jump)} {axis_unit(AXES[column])}'
-            for column, jump, least in zip(columns, step.jump.tolist(), smallest, strict=True)
-            if abs(jump) > least
+            for column, jump, limit in zip(columns, jumps[cell].tolist(), smallest, strict=True)
+            if abs(jump) > limit
         )
         sentences.append(
-            f'{recording.name} steps at {time_in(recording, step.cell)}: {jumps}. A new segment '
+            f'{recording.name} steps at {time_in(recording, cell)}: {sizes}. A new segment '
             'begins there, as after a tare.'
         )
-    cells = sorted({*recording.steps, *(step.cell for step in steps)})
     return replace(recording, wrench=wrench, steps=tuple(cells)), sentences
