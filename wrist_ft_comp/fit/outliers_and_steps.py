@@ -101,9 +101,8 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         raw = recording.wrench[at, column]
         level = scipy.ndimage.median_filter(raw, width, mode='nearest')
         distance = np.abs(raw - level)
-        above_noise = SMALLEST_SIGMA * noise_level([raw])
-        limit = max(above_noise, _OUTLYING_SHARE * np.ptp(level), ROUNDING * np.abs(raw).max())
-        outlying = distance > limit
+        above_noise = max(SMALLEST_SIGMA * _noise(raw), ROUNDING * np.abs(raw).max())
+        outlying = distance > max(above_noise, _OUTLYING_SHARE * np.ptp(level))
         # A sample of a slow log may stand between two that agree, however wide the range is.
         moving = MOVING[axis_unit(axis)]
         alone = np.abs(raw[1:-1] - (raw[:-2] + raw[2:]) / 2)
@@ -141,6 +140,14 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
     return replace(recording, wrench=wrench), sentences
 
 
+def _noise(values: FloatArray) -> float:
+    """Estimate the noise of readings, at least that of their rounding; a constant has none."""
+    values = values[np.isfinite(values)]
+    moves = np.abs(np.diff(values))
+    moves = moves[moves > ROUNDING * np.abs(values).max(initial=0.0)]
+    return max(noise_level([values]), float(moves.min()) / np.sqrt(12)) if len(moves) else 0.0
+
+
 def _cells_apart(at: IntArray) -> float:
     """Count how many cells readings usually are apart: temperatures may come more often."""
     return float(np.median(np.diff(at))) if len(at) > 1 else 1.0
@@ -173,15 +180,9 @@ def _steps_in_gaps(
 
 
 def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
-    noise_of = dict[int, float]()
-    for column in map(AXES.index, recording.axes_present):
-        # The noise of a reading is at least that of its rounding; a constant has none.
-        values = recording.wrench[:, column][np.isfinite(recording.wrench[:, column])]
-        moves = np.abs(np.diff(values))
-        moves = moves[moves > ROUNDING * np.abs(values).max()]
-        if len(moves):
-            noise_of[column] = max(noise_level([values]), float(moves.min()) / np.sqrt(12))
-    columns, noise = list(noise_of), np.array(list(noise_of.values()))
+    noise_of = np.array([_noise(values) for values in recording.wrench.T])
+    columns = np.flatnonzero(noise_of).tolist()
+    noise = noise_of[columns]
     raw = recording.wrench[:, columns]
     counts = np.asarray(np.isfinite(raw).all(axis=1))
     if not columns or not counts.any():
