@@ -80,9 +80,10 @@ def test_a_step_is_found_once_among_few_wrenches_and_beside_pauses(day, away, si
     assert abs(np.nanmedian((found.wrench - plain.wrench)[2000:, 2])) < 0.2
 
 
-@pytest.mark.parametrize(
-    'steps', [[(1500, 5.0)], [(1500, 9.0), (1580, -9.0)], [(900, 60.0), (2000, 1.5)]]
-)
+@pytest.mark.parametrize('steps', [
+    [(1500, 5.0)], [(1500, 9.0), (1580, -9.0)], [(900, 60.0), (2000, 1.5)],
+    [(900, 60.0), (1500, 9.0), (1525, -9.0)], [(1500, 0.6), (1525, -0.6)],
+])  # fmt: skip
 def test_a_calibration_and_an_evaluation_go_on_after_steps(day, steps):
     plain = calibrate([day(1), day(2)])
     days = [day(1, stepped((900, 8.0), (2500, -3.0))), day(2)]

@@ -14,7 +14,7 @@ import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT
+from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT, runs_of
 from wrist_ft_comp.recording import Recording, Reference, time_in
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level, rounded, ROUNDING
 from wrist_ft_comp.steps_in_recordings import BESIDE_S, find_steps, SMALLEST_SIGMA, Step
@@ -103,11 +103,17 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         distance = np.abs(raw - level)
         above_noise = max(SMALLEST_SIGMA * _noise(raw), ROUNDING * np.abs(raw).max())
         outlying = distance > max(above_noise, _OUTLYING_SHARE * np.ptp(level))
-        # A sample of a slow log may stand between two that agree, however wide the range is.
+        # A touch begins and ends at once, however small it is beside the drift; heat does not.
+        touched = outlying.copy()
+        for begin, end in runs_of(np.asarray(distance > above_noise)):
+            begins = raw[min(begin + 1, end - 1)] - raw[max(begin - 1, 0)]
+            ends = raw[max(end - 2, begin)] - raw[min(end, len(raw) - 1)]
+            usual = SMALLEST_SIGMA * noise_level([raw[max(begin - width, 0) : end + width]])
+            least = max(np.median(distance[begin:end]), usual) / 2
+            touched[begin:end] |= min(abs(begins), abs(ends)) > least
+        if touched.mean() <= MOST_LEFT_OUT:
+            outlying = touched
         moving = MOVING[axis_unit(axis)]
-        alone = np.abs(raw[1:-1] - (raw[:-2] + raw[2:]) / 2)
-        is_lone = alone > max(above_noise, moving)
-        outlying[1:-1] |= is_lone & (np.abs(raw[2:] - raw[:-2]) < alone / 2)
         scatter = float(np.sqrt(np.mean(distance[~outlying] ** 2)))
         if scatter > moving:
             swings.append(f'{axis} by {rounded(scatter, 2)} {axis_unit(axis)}')
