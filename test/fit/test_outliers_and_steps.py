@@ -71,6 +71,7 @@ CELL = np.arange(CELLS)
 @pytest.mark.parametrize('away', [
     *(CELL % every_s > 0 for every_s in (5, 20, 31, 60)), abs(CELL - 2025) <= 20,
     abs(CELL - 1975) <= 20, (CELL >= 1970) & (CELL < 2040) & (abs(CELL - 2004) > 1),
+    (CELL[:, np.newaxis] >= 1800) & (np.arange(6) == 3),
 ])  # fmt: skip
 def test_a_step_is_found_once_among_few_wrenches_and_beside_pauses(day, away, size):
     made, plain = day(add=stepped((2000, size))), day()

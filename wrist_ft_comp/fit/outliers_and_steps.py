@@ -187,7 +187,10 @@ def _steps_in_gaps(
 
 def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
     noise_of = np.array([_noise(values) for values in recording.wrench.T])
-    columns = np.flatnonzero(noise_of).tolist()
+    # An axis that fell silent would hide what the others do.
+    read = np.isfinite(recording.wrench).sum(axis=0)
+    nearly_all = read >= (1 - MOST_LEFT_OUT) * read.max()
+    columns = np.flatnonzero((noise_of > 0) & nearly_all).tolist()
     noise = noise_of[columns]
     raw = recording.wrench[:, columns]
     counts = np.asarray(np.isfinite(raw).all(axis=1))
