@@ -135,7 +135,9 @@ def test_heat_rounding_and_dead_axes_are_no_steps(day):
     dead.wrench[:, 4] = 3.0
     still = day()
     still.wrench[:, 4] = np.round(np.random.default_rng(0).normal(3.12, 0.03, CELLS), 1)
-    for made in (day(add=heat), coarse, dead, still):
+    large = day()
+    large.wrench[:] *= 100.0
+    for made in (day(add=heat), coarse, dead, still, large):
         ((found,), sentences) = segment([made], 'unloaded')
         assert (found.steps, sentences) == ((), [])
 

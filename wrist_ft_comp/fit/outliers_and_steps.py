@@ -115,7 +115,7 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
             outlying = touched
         moving = MOVING[axis_unit(axis)]
         scatter = float(np.sqrt(np.mean(distance[~outlying] ** 2)))
-        if scatter > moving:
+        if scatter > max(moving, _STEP_SHARE * np.ptp(level)):
             swings.append(f'{axis} by {rounded(scatter, 2)} {axis_unit(axis)}')
         cells = at[outlying]
         if not len(cells):
