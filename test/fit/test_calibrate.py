@@ -53,6 +53,14 @@ def test_a_calibration_holds_the_model_and_its_evidence(good):
     fit = calibration.fits['force_x']
     assert fit.rms_after < 0.1 * fit.rms_before
     assert calibration.model.start_s == 10.0
+    # Temperatures at which no wrench came are not learnt.
+    cut = deepcopy(good)
+    for run in cut:
+        run.wrench[CELLS // 3 :] = np.nan
+    calibration = calibrate(cut)
+    highest_c = max(run.temperature_c[: CELLS // 3].max() for run in cut)
+    assert calibration.temperature_range_c[0, 1] == highest_c
+    assert calibration.model.axes['force_x'].features.upper_c[0] <= highest_c
 
 
 def changed(run, **change):

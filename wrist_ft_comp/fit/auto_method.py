@@ -119,7 +119,9 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     fits = candidates(settings.highest_degree)
     bins = bin_axis_data(data, data.bin_cells)
     relaxed_c = bins.relaxed(POOL_S)
-    features = build_features(bins.temperature_c, settings)
+    observed = [moments[:, 0, 0] > 0 for moments in bins.moments]
+    observed_c = [c[at] for c, at in zip(bins.temperature_c, observed, strict=True)]
+    features = build_features(observed_c, settings)
     sums = sum_by_fold(
         bins, [features.expand(values_c).reshape(len(values_c), -1) for values_c in relaxed_c]
     )
@@ -134,10 +136,10 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     for i, fold in data.folds_by_recording:
         gains = fit_all(sums.centred(sums.fold != fold))
         # What runs has the range that the other folds saw, so the rule beyond it is judged, too.
-        pairs = zip(bins.temperature_c, bins.folds, strict=True)
-        others_c = np.concatenate([values_c[folds != fold] for values_c, folds in pairs])
+        parts = zip(observed_c, bins.folds, observed, strict=True)
+        others_c = np.concatenate([c[folds[at] != fold] for c, folds, at in parts])
         seen = replace(features, lower_c=others_c.min(axis=0), upper_c=others_c.max(axis=0))
-        rows = np.flatnonzero((bins.folds[i] == fold) & (bins.moments[i][:, 0, 0] > 0))
+        rows = np.flatnonzero((bins.folds[i] == fold) & observed[i])
         x = seen.expand(seen.clamp(relaxed_c[i][rows])).reshape(len(rows), -1)
         of_fold = -bins.mean_columns(i, rows, x) @ gains.T
         cells.append(np.minimum((rows + 0.5) * bins.cells - 0.5, len(data.residual[i]) - 1))

@@ -75,8 +75,7 @@ def check_recordings(
             )
     names = ', '.join(recording.name for recording in recordings)
     everything = np.concatenate([recording.temperature_c for recording in recordings])
-    ranges_c = np.stack((everything.min(axis=0), everything.max(axis=0)), axis=1)
-    span_k = float(np.ptp(ranges_c, axis=1).max())
+    span_k = float(np.ptp(everything, axis=0).max())
     if span_k < min_span_k:
         raise CalibrationRefusedError(
             f'Temperature in {names} spans {span_k:.1f} K; at least '
@@ -94,7 +93,10 @@ def check_recordings(
                 'recorded. Record wrench_reference beside the raw wrench, or declare the '
                 'reference unloaded or constant.'
             )
-    return ranges_c
+    # Temperatures at which no wrench came are not learnt.
+    read = [np.isfinite(recording.wrench).any(axis=1) for recording in recordings]
+    learnt_c = everything[np.concatenate(read)]
+    return np.stack((learnt_c.min(axis=0), learnt_c.max(axis=0)), axis=1)
 
 
 def _are_the_same(one: Recording, other: Recording) -> bool:
