@@ -133,7 +133,7 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         wrench[cells, column] = np.nan
         sentences.append(
             f'{axis} of {recording.name} stands out by up to {size} for '
-            f'{len(cells) * recording.period_s:.0f} s in all, first at {first}; left out.'
+            f'{len(cells) * apart_s:.0f} s in all, first at {first}; left out.'
         )
     if swings:
         sentences.insert(
