@@ -137,6 +137,19 @@ def test_seldom_reports_are_followed_on_a_ramp_and_said_how_far_behind(make_mode
     assert not compensator.limits.too_fast
 
 
+@pytest.mark.parametrize('timeout_s', [5.0])
+def test_one_that_reports_each_second_is_followed_beside_a_seldom_one(make_model, timeout_s):
+    """The first warms by 1 K, or 1 N, a minute; the second is read each five minutes."""
+    model = make_model({'force_z': (2.0, 0.0, 1.0)}, thermometers=2)
+    compensator = Compensator(2, StreamSettings(temperature_timeout_s=timeout_s), model)
+    for second in range(2000):
+        compensator.add_temperature(0, second * SECOND, 20.0 + second / 60)
+        if second % 300 == 0:
+            compensator.add_temperature(1, second * SECOND, 20.0)
+        drift_n = compensator.compensation_at(second * SECOND).zero[2]
+        assert second < 10 or second / 60 - drift_n < 0.3
+
+
 def test_the_force_path_has_no_memory(model):
     compensator = Compensator(1, StreamSettings(), model)
     stream(compensator, (0, 10))

@@ -77,8 +77,8 @@ class Compensator:
         self.compensation = no_drift()
         #: What is subtracted at the beginning of the ramp, and its stamp, ns.
         self._begun, self._begun_ns = self.compensation, 0
-        #: How long the present ramp lasts, ns, and where one of a seldom report is to end.
-        self._ramp_ns, self._end_ns = period_ns, 0
+        #: How long the present ramp lasts, ns.
+        self._ramp_ns = period_ns
         #: How far the last report of each thermometer moved the drift, N and N m, (6,).
         self.moves: dict[int, FloatArray] = {}
         #: Up to when each thermometer is in the drift, ns, and when the last tare was taken.
@@ -163,19 +163,16 @@ class Compensator:
         elif not had_drift:
             self._settle(target, None)
         self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
-        # The ramp lasts a cell, or until a thermometer that reports seldom does so again.
+        # The ramp lasts a cell, or, where all report seldom, until the first does so again.
         grid = self.tracker.grid
-        spacings_ns = [grid.spacing(j) * grid.period_ns for j in range(self.thermometers)]
         moved = np.abs(target.zero - self._begun.zero)
-        for j, spacing_ns in enumerate(spacings_ns):
+        for j in range(self.thermometers):
             if any(cell.measured[j] for cell in cells):
                 self.moves[j] = moved
                 if self._tared_ns > self._reported_ns.get(j, math.inf):
                     self.doubt_zero(*drift_warnings.moved_doubts(self.tracker, moved))
                 self._reported_ns[j] = self.tracker.end_ns
-                if spacing_ns > grid.period_ns:
-                    self._end_ns = stamp_ns + spacing_ns
-        self._ramp_ns = max(grid.period_ns, min(self._end_ns - stamp_ns, max(spacings_ns)))
+        self._ramp_ns = grid.period_ns * min(map(grid.spacing, range(self.thermometers)))
         ramp_s = self._ramp_ns / NANOSECONDS
         self.compensation = self.limits.rate_limit(target, self._begun, ramp_s)
         self._refresh_correction()
@@ -339,7 +336,7 @@ class Compensator:
                 for tare in (self.tare, self.external_tare)
             )
         self.compensation = self._begun = target
-        self.limits.too_fast, self._end_ns = (), 0
+        self.limits.too_fast = ()
         self.moves.clear()
         self._refresh_correction()
 
