@@ -137,7 +137,7 @@ def test_seldom_reports_are_followed_on_a_ramp_and_said_how_far_behind(make_mode
     assert not compensator.limits.too_fast
 
 
-@pytest.mark.parametrize('timeout_s', [5.0])
+@pytest.mark.parametrize('timeout_s', [5.0, 3600.0])
 def test_one_that_reports_each_second_is_followed_beside_a_seldom_one(make_model, timeout_s):
     """The first warms by 1 K, or 1 N, a minute; the second is read each five minutes."""
     model = make_model({'force_z': (2.0, 0.0, 1.0)}, thermometers=2)

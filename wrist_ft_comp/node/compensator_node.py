@@ -61,7 +61,8 @@ PARAMETERS = (
         'below ROS_HOME (or ~/.ros).'),
     at_start(
         'temperature_timeout', _STREAM.temperature_timeout_s,
-        'Silence of a thermometer after which its last value is held and a warning is given.',
+        'Silence of a thermometer after which a warning is given. Its last value is held from '
+        'then on, or from 10 s on.',
         's', 0.1, 3600.0),
     at_start(
         'max_drift', _STREAM.max_drift_n,

@@ -33,7 +33,8 @@ class StreamSettings:
 
     #: Cell length h while there is no model, s; a model brings its own.
     thermal_period_s: float = 1.0
-    #: How long a thermometer may be silent before its last value is held and a warning is due, s.
+    #: How long a thermometer may be silent before a warning is due, s. Its last value is held from
+    #: then on, or from 10 s on.
     temperature_timeout_s: float = 5.0
     #: Largest zero drift that is subtracted from a force, N; from a torque, a tenth of it in N m.
     max_drift_n: float = 200.0

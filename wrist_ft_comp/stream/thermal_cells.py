@@ -2,10 +2,9 @@
 Averages over thermal cells as a stream: of thermometers, and of the rows of the node's recordings.
 
 A cell is complete when every thermometer has sent a sample of a later one, or when the others are
-ahead of a silent one by more than the patience, or by ten of its usual pauses; that one's last
-value is held. Cells in which no thermometer was heard are left out: what they were like shows
-when the gap has ended (``temperature_gaps``). The only time is that of stamps, which ascend
-(``clock``).
+ahead of a silent one by more than the patience; that one's last value is held. Cells in which no
+thermometer was heard are left out: what they were like shows when the gap has ended
+(``temperature_gaps``). The only time is that of stamps, which ascend (``clock``).
 """
 
 from collections import deque
@@ -22,8 +21,8 @@ from wrist_ft_comp.stream.temperature_gaps import outage_cells
 #: A thermometer reports as often as the least of the times between so many reports says: a gap, or
 #: a report that is missing, makes none seldom.
 _REPORTS = 3
-#: So many of its pauses, and this time, s, one that fell silent is waited for at most.
-_MISSED_REPORTS, _LEAST_WAIT_S = 10, 10.0
+#: Longest patience, s: drift moves little meanwhile, and a gateway may send some seconds at once.
+_LONGEST_WAIT_S = 10.0
 #: First columns of what is averaged: CHANNELS, with the square of the speed of rotation, and the
 #: temperatures.
 RAW, REFERENCE, FORCE, TEMPERATURE = 0, 6, 12, 16
@@ -47,14 +46,14 @@ class ThermalCell:
 
 
 class ThermalGrid:
-    """Averages temperatures per cell as they come; waits for a silent one for patience_s."""
+    """Averages temperatures per cell; waits for a silent one for patience_s, 10 s at most."""
 
     def __init__(self, period_ns: int, thermometers: int, patience_s: float) -> None:
         self.period_ns = period_ns
         #: Samples that came too late for their cell.
         self.rejected = 0
         self._thermometers = thermometers
-        self._patience = outage_cells(period_ns, patience_s)
+        self._patience = outage_cells(period_ns, min(patience_s, _LONGEST_WAIT_S))
         #: How many cells the last samples of each were apart.
         self._spacings = [deque[int](maxlen=_REPORTS) for _ in range(thermometers)]
         #: The mean of the last cell of each, °C, and that cell.
@@ -112,17 +111,9 @@ class ThermalGrid:
         spacings = self._spacings[thermometer]
         return min(spacings) if len(spacings) == _REPORTS else 1
 
-    def _waits_for(self, thermometer: int) -> int:
-        """Tell for how many cells one that is silent holds up the others."""
-        if len(self._spacings[thermometer]) < _REPORTS:
-            return self._patience
-        missed = _MISSED_REPORTS * self.spacing(thermometer)
-        return min(self._patience, max(missed, outage_cells(self.period_ns, _LEAST_WAIT_S)))
-
     def _complete(self, newest: int) -> list[ThermalCell]:
         """Emit all cells that no sample can be expected for any more, now that one is newest."""
-        heard = max(*self._newest.values(), newest)
-        overdue = heard - self._patience
+        overdue = max(*self._newest.values(), newest) - self._patience
         if len(self._newest) < self._thermometers:
             # What is older than the patience is only held, not kept.
             self.hold_before(overdue)
@@ -138,11 +129,8 @@ class ThermalGrid:
             self.hold_before(max(cell for cell in first if cell <= latest))
             self._first = None
         # Of one that reports seldom, a cell has one sample only: no other is waited for.
-        ends = [
-            max(at + (self.spacing(j) > 1), heard - self._waits_for(j))
-            for j, at in self._newest.items()
-        ]
-        end, done = min(ends), []
+        heard = (at + (self.spacing(j) > 1) for j, at in self._newest.items())
+        end, done = max(min(heard), overdue), []
         for cell in sorted(cell for cell in self._open if cell < end):
             self.hold_before(cell + 1)
             measured = np.array(self._held_from) == cell
