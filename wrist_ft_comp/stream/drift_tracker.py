@@ -57,7 +57,8 @@ class DriftTracker:
         self.thermometers: ThermometerState | None = None
         #: What is said of pairs that are exchanged, by their numbers, from 0.
         self._exchanged: dict[tuple[int, int], str] = {}
-        self._count, self._patience_s = thermometers, patience_s
+        #: How many there are, and for how long one may be silent, s.
+        self._count, self.patience_s = thermometers, patience_s
         #: After the newest cell that was run; None before there are a model and a temperature.
         self.state: DriftState | None = None
         #: Memory to continue from at the first cell, and its age by the system's clock, s; None
@@ -304,7 +305,7 @@ class DriftTracker:
         """Follow another model, whose state is made from the history; None follows none."""
         if model is not None and model.period_ns != self.grid.period_ns:
             old, before_ns = self.grid, self.grid.period_ns
-            self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
+            self.grid = ThermalGrid(model.period_ns, self._count, self.patience_s)
             # The history is read at the middles of the new cells.
             begin_ns = self.end_ns - len(self.history_c) * before_ns
             cells = np.arange(-(-begin_ns // model.period_ns), self.end_ns // model.period_ns)

@@ -139,8 +139,8 @@ def tare_at_start(
 
 def usual_silences_ns(tracker: DriftTracker) -> list[int]:
     """Give how long a living thermometer may be silent, ns, for each."""
-    grid, least_ns = tracker.grid, round(_LATE_TEMPERATURE_S * NANOSECONDS)
-    count = len(tracker.spikes)
+    grid, count = tracker.grid, len(tracker.spikes)
+    least_ns = round(max(_LATE_TEMPERATURE_S, tracker.patience_s) * NANOSECONDS)
     return [max(least_ns, 2 * grid.period_ns * grid.spacing(j)) for j in range(count)]
 
 
