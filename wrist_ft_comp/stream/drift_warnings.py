@@ -16,7 +16,7 @@ from wrist_ft_comp.stream import exchanged_thermometers, failed_thermometers
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.drift_uncertainty import doubt_start
-from wrist_ft_comp.stream.temperature_gaps import longest_gap_s
+from wrist_ft_comp.stream.temperature_gaps import longest_gap_s, OUTAGE_S
 
 #: Drift that may be off by fewer standard deviations of the model than this is not doubted.
 _CERTAIN = 3.0
@@ -101,7 +101,7 @@ def seldom_doubts(tracker: DriftTracker, moves: Mapping[int, FloatArray]) -> lis
     for j, behind in moves.items():
         worst = _off(tracker.model, behind, times=1.0)
         spacing_s = tracker.grid.spacing(j) * tracker.grid.period_ns / NANOSECONDS
-        if spacing_s > 1 and worst:
+        if spacing_s > OUTAGE_S and worst:
             sentences.append(
                 f'thermometer {j + 1} is followed every {spacing_s:.3g} s, so that {worst} '
                 'behind; let it report each second, and calibrate from such reports'
