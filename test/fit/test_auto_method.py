@@ -16,20 +16,14 @@ HIGHEST = 3
 NONE, STEPPED = ((), (), ()), ((40,), (), (70, 71, 120))
 
 
-@pytest.fixture(scope='module')
-def pose(make_axis_data, warm_up, lagged):
-    """Pose an axis: drift in N/K behind a lag of 300 s, in recordings that all axes share."""
+@pytest.fixture
+def pose(simulate, axis_data):
+    """Pose an axis: drift in N/K behind a lag of 300 s, in recordings from a seed on."""
 
-    def make(gain, *, days=2, noise=0.01, load_n=0.0, seed=0):
-        rng = np.random.default_rng([seed, 3])
-        temperatures = [warm_up(CELLS, i) for i in range(days)]
-        loads = [load_n * rng.standard_normal(CELLS) for _ in temperatures]
-        raws = []
-        for i, (temperature_c, load) in enumerate(zip(temperatures, loads, strict=True)):
-            drift = gain * (lagged(temperature_c, 300.0) - 30)
-            raw = drift + (1.02 + 2e-3 * drift) * load + 50.0 * i
-            raws.append(raw + noise * rng.standard_normal(CELLS))
-        return make_axis_data(temperatures, raws, loads if load_n else None)
+    def make(gain, *, days=2, seed=0, noise=0.01, **more):
+        known = {'cells': CELLS, 'noise': noise, **more}
+        recordings = [simulate(seed + i, {300.0: gain}, **known) for i in range(days)]
+        return axis_data(recordings, 'recorded' if more else 'unloaded')
 
     return make
 
@@ -88,13 +82,13 @@ class TestWhatIsFound:
 
 
 def test_the_model_is_anchored_at_rest(pose):
-    loaded = ridges.identify_auto(pose(0.5, load_n=20.0), LINE)
+    loaded = ridges.identify_auto(pose(0.5, sensitivity={300.0: 1e-3}, gain_error=0.02), LINE)
     plain = ridges.identify_auto(pose(-1.0, seed=1), LINE)
     for fit in (loaded, plain):
         at_rest = run(fit.model, fit.model.reference_c[np.newaxis])[0]
         assert at_rest[0] == pytest.approx(0.0, abs=1e-12)
     gain_error = run(loaded.model, loaded.model.reference_c[np.newaxis])[0, 1]
-    drift_at_rest = 2e-3 * 0.5 * (loaded.model.reference_c[0] - 30)
+    drift_at_rest = 1e-3 * (loaded.model.reference_c[0] - 30)
     assert gain_error == pytest.approx(0.02 + drift_at_rest, abs=3e-3)
 
 

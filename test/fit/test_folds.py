@@ -73,17 +73,10 @@ def test_a_warm_up_is_cut_half_by_time_and_half_by_kelvin(make_recording, tau_ce
 ROWS = 720
 
 
-@pytest.fixture(scope='module')
-def run(make_recording, warm_up, lagged):
+@pytest.fixture
+def run(simulate):
     """Record a lag of 600 s with noise."""
-
-    def make(seed):
-        temperature_c = warm_up(ROWS, seed)
-        noise = np.random.default_rng(seed).normal(0, 0.05, ROWS)
-        drift = 0.4 * (lagged(temperature_c, 600.0) - 20) + noise
-        return make_recording(temperature_c, {'force_z': drift})
-
-    return make
+    return lambda seed: simulate(seed, {600.0: 0.4}, noise=0.05, cells=ROWS)
 
 
 def learn(recordings, method):

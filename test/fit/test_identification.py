@@ -20,31 +20,6 @@ def settings(method, reference='unloaded', **more):
     return CalibrationSettings(reference, identification=IdentificationSettings(method, **more))
 
 
-@pytest.fixture(scope='module')
-def simulate(make_recording, warm_up, lagged):
-    """
-    Record a sensor with known gains at known time constants; o in N/K, s in 1/K.
-
-    A share below 1 keeps a recording within the temperatures of the others.
-    """
-
-    def make(seed, zero, sensitivity=None, *, thermometers=1, share=1.0, **more):
-        rng = np.random.default_rng([seed, 7])
-        noise, gain_error = more.get('noise', 0.0), more.get('gain_error', 0.0)
-        both = [20 + share * (warm_up(CELLS, seed + 1000 * j) - 20) for j in range(thermometers)]
-        theta = both[0] - 30
-        o = sum(gain * lagged(theta, tau) for tau, gain in zero.items())
-        load = 40 * rng.standard_normal(CELLS)
-        s = gain_error + sum(g * lagged(theta, tau) for tau, g in (sensitivity or {}).items())
-        raw = (1 + s) * load + o + 10.0 * seed + noise * rng.standard_normal(CELLS)
-        if sensitivity is None:
-            raw -= load
-        reference = {} if sensitivity is None else {'force_z': load}
-        return make_recording(np.stack(both, axis=1), {'force_z': raw}, reference)
-
-    return make
-
-
 def drift_of(calibration, recording):
     """Zero and sensitivity drift of force z over a recording."""
     temperature_c = recording.temperature_c

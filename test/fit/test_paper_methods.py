@@ -22,17 +22,6 @@ def temperatures(warm_up):
     return [np.stack([warm_up(CELLS, i), warm_up(CELLS, 50 + i)], axis=1) for i in range(3)]
 
 
-@pytest.fixture(scope='module')
-def pose(make_axis_data):
-    """Build a problem from drifts; every recording gets an offset of its own."""
-
-    def make(temperatures, drifts, loads=None):
-        raws = [drift + 100.0 * i for i, drift in enumerate(drifts)]
-        return make_axis_data(temperatures, raws, loads)
-
-    return make
-
-
 def fit(method, data, degree=2, latents=slice(None)):
     settings = IdentificationSettings(method, degree=degree)
     return fit_structure(settings, STRUCTURE[method][latents], data)[0]
@@ -44,18 +33,19 @@ def free_run(model, temperature_c):
 
 @every_method
 @pytest.mark.parametrize('loaded', [False, True])
-def test_units_change_nothing(pose, temperatures, lagged, method, loaded):
+def test_units_change_nothing(make_axis_data, temperatures, lagged, method, loaded):
     rng = np.random.default_rng(0)
     loads = [30 * rng.standard_normal(CELLS) for _ in temperatures]
     drifts = [
         0.5 * lagged(t[:, 0], 300.0)
+        + 100.0 * i
         + (1 + 1e-3 * t[:, 1]) * load * loaded
         + 0.01 * rng.standard_normal(CELLS)
-        for t, load in zip(temperatures, loads, strict=True)
+        for i, (t, load) in enumerate(zip(temperatures, loads, strict=True))
     ]
     runs = []
     for unit in (1.0, 1000.0):
-        problem = pose(
+        problem = make_axis_data(
             temperatures,
             [unit * drift for drift in drifts],
             [unit * load for load in loads] if loaded else None,
@@ -70,36 +60,31 @@ def test_units_change_nothing(pose, temperatures, lagged, method, loaded):
 
 
 @every_method
-class TestDegenerateData:
-    def test_a_constant_thermometer_does_not_matter(self, pose, temperatures, lagged, method):
-        one = [t[:, :1] for t in temperatures]
-        both = [np.column_stack((t, np.full(CELLS, 25.0))) for t in one]
-        drifts = [0.5 * lagged(t[:, 0], 300.0) for t in one]
-        alone, beside = (
-            free_run(fit(method, pose(columns, drifts), 1, slice(-1, None)), columns[0])
-            for columns in (one, both)
-        )
-        np.testing.assert_allclose(beside, alone, atol=1e-6)
-
-    @pytest.mark.parametrize('value', [3.0, np.nan])
-    def test_no_drift_or_nothing_observed_gets_no_model(self, pose, temperatures, method, value):
-        drifts = [np.full(CELLS, value) for _ in temperatures]
-        assert fit(method, pose(temperatures, drifts)) is None
+def test_a_constant_thermometer_does_not_matter(make_axis_data, temperatures, lagged, method):
+    one = [t[:, :1] for t in temperatures]
+    both = [np.column_stack((t, np.full(CELLS, 25.0))) for t in one]
+    drifts = [0.5 * lagged(t[:, 0], 300.0) + 100.0 * i for i, t in enumerate(one)]
+    alone, beside = (
+        free_run(fit(method, make_axis_data(columns, drifts), 1, slice(-1, None)), columns[0])
+        for columns in (one, both)
+    )
+    np.testing.assert_allclose(beside, alone, atol=1e-6)
 
 
-@pytest.fixture(scope='module')
-def pose_lags(make_axis_data, warm_up, lagged):
+@every_method
+@pytest.mark.parametrize('value', [3.0, np.nan])
+def test_no_drift_or_nothing_observed_gets_no_model(make_axis_data, temperatures, method, value):
+    drifts = [np.full(CELLS, value + 100.0 * i) for i, _ in enumerate(temperatures)]
+    assert fit(method, make_axis_data(temperatures, drifts)) is None
+
+
+@pytest.fixture
+def pose_lags(simulate, axis_data):
     """Drift of N/K behind each time constant, with a square and noise."""
 
-    def make(truth, *, noise=0.05, cells=300, days=2):
-        temperatures = [warm_up(cells, 40 + i) for i in range(days)]
-        raws = []
-        for i, temperature_c in enumerate(temperatures):
-            theta = [gain * (lagged(temperature_c, tau) - 30) for tau, gain in truth.items()]
-            zero = sum(part + 0.02 * part**2 for part in theta)
-            rng = np.random.default_rng([40 + i, 5])
-            raws.append(zero + noise * rng.standard_normal((2, cells))[1])
-        return make_axis_data(temperatures, raws)
+    def make(truth, *, noise=0.05, days=2):
+        known = {'cells': 300, 'noise': noise, 'square': 0.02}
+        return axis_data([simulate(40 + i, truth, **known) for i in range(days)])
 
     return make
 
