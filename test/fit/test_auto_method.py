@@ -113,18 +113,15 @@ class TestWeights:
 
 
 @pytest.fixture(scope='module', params=[False, True], ids=['unloaded', 'loaded'])
-def problem(request, make_axis_data, warm_up):
+def problem(request, simulate, axis_data):
     """Three recordings with gaps, offsets and much noise, so that no fit is perfect."""
-    rng = np.random.default_rng(0)
-    temperatures, raws, loads = [warm_up(150 + 20 * i, i) for i in range(3)], [], []
-    for i, temperature_c in enumerate(temperatures):
-        load = 30 * rng.standard_normal(len(temperature_c))
-        raw = 0.4 * temperature_c + 2 * rng.standard_normal(len(temperature_c)) + 100 * i
-        raw += (1 + 1e-3 * temperature_c) * load * request.param
-        raw[rng.uniform(size=len(raw)) < 0.1] = np.nan
-        raws.append(raw)
-        loads.append(load)
-    return make_axis_data(temperatures, raws, loads if request.param else None)
+    rng, known = np.random.default_rng(0), {'noise': 2.0}
+    if request.param:
+        known['sensitivity'] = {300.0: 1e-3}
+    recordings = [simulate(i, {300.0: 0.4}, cells=150 + 20 * i, **known) for i in range(3)]
+    for recording in recordings:
+        recording.wrench[rng.uniform(size=len(recording)) < 0.1] = np.nan
+    return axis_data(recordings, 'recorded' if request.param else 'unloaded')
 
 
 @pytest.fixture(scope='module')
