@@ -61,15 +61,11 @@ def test_a_refusal_leaves_the_model_as_it_was(run, make, model, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {'m.yaml', 'flat.csv'}
 
 
-@pytest.mark.parametrize(
-    ('options', 'expected'),
-    [
-        (['--reference', 'recorded'], 'no reference wrench'),
-        (['--temperature-topic', '/a:b:Kelvin'], 'a unit is C, K or F'),
-        (['--thermal-period', '600'], 'spans 0.0 K'),
-        (['--thermal-period', '20'], 'at least 24 in'),
-    ],
-)
+@pytest.mark.parametrize(('options', 'expected'), [
+    (['--reference', 'recorded'], 'no reference wrench'),
+    (['--temperature-topic', '/a:b:Kelvin'], 'a unit is C, K or F'),
+    (['--thermal-period', '600'], 'spans 0.0 K'), (['--thermal-period', '20'], 'at least 24 in'),
+])  # fmt: skip
 def test_settings_that_cannot_be_are_refused(options, expected, run, drift_csv, tmp_path):
     outcome = run('calibrate', drift_csv, '-o', tmp_path / 'm.yaml', *options)
     assert expected in outcome.sentence

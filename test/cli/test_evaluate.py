@@ -182,14 +182,11 @@ def slow_model(make, tmp_path_factory):
     return folder / 'model.yaml'
 
 
-@pytest.mark.parametrize(
-    ('channels', 'begin_s', 'end_s', 'who'),
-    [
-        (['temperature_c'], 1500, 2400, 'Thermometer 1 of day.csv is silent'),
-        (['temperature_c'], 2400, 3600, 'Thermometer 1 of day.csv is silent'),
-        (['temperature_c', 'force_z', 'torque_x'], 1500, 2400, 'Nothing of day.csv came'),
-    ],
-)
+@pytest.mark.parametrize(('channels', 'begin_s', 'end_s', 'who'), [
+    (['temperature_c'], 1500, 2400, 'Thermometer 1 of day.csv is silent'),
+    (['temperature_c'], 2400, 3600, 'Thermometer 1 of day.csv is silent'),
+    (['temperature_c', 'force_z', 'torque_x'], 1500, 2400, 'Nothing of day.csv came'),
+])  # fmt: skip
 def test_long_silence_is_named_once_by_every_command_that_reads(  # noqa: PLR0913, PLR0917
     channels, begin_s, end_s, who, run, make, slow_model, tmp_path
 ):

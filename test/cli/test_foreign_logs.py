@@ -276,17 +276,13 @@ def test_what_a_person_says_counts_more_than_a_name_of_ours(make, tmp_path):
     assert recording.wrench[:, 2].tolist() == [4, 5, 6]
 
 
-@pytest.mark.parametrize(
-    ('columns', 'time', 'words'),
-    [
-        ('force_z', '', 'expected NAME=COLUMN'),
-        ('force_w=fz', '', 'force_w is no name of a column'),
-        ('force_z=fz:Nm', '', 'force_z may be in N, kN'),
-        ('temperature_c=t:R', '', 'temperature_c may be in C, K, F'),
-        ('stamp=t', 'weeks', 'A time is s, ns, us, ms, min, h, d, iso, excel, datenum'),
-        ('stamp=t:weeks', '', 'A time is s, ns'),
-    ],
-)
+@pytest.mark.parametrize(('columns', 'time', 'words'), [
+    ('force_z', '', 'expected NAME=COLUMN'), ('force_w=fz', '', 'force_w is no name of a column'),
+    ('force_z=fz:Nm', '', 'force_z may be in N, kN'),
+    ('temperature_c=t:R', '', 'temperature_c may be in C, K, F'),
+    ('stamp=t', 'weeks', 'A time is s, ns, us, ms, min, h, d, iso, excel, datenum'),
+    ('stamp=t:weeks', '', 'A time is s, ns'),
+])  # fmt: skip
 def test_a_map_that_cannot_be_meant_so_is_refused(columns, time, words):
     with pytest.raises(SettingsError, match=re.escape(words)):
         parse_map(columns, time)

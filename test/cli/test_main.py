@@ -63,14 +63,11 @@ def test_values_below_zero_and_beginnings_of_options_are_understood():
     assert arguments.recordings == [Path('a'), Path('-.5')]
 
 
-@pytest.mark.parametrize(
-    ('error', 'code', 'kind', 'sentence'),
-    [
-        (RecordingError('A\nb\n  c.. See ../x..'), 1, 'recording', 'A b c. See ../x.'),
-        (OSError(28, 'It is full'), 1, 'operating_system', 'Reading or writing: It is full.'),
-        (KeyboardInterrupt(), 130, 'interrupted', 'interrupted; nothing was left half-written.'),
-    ],
-)
+@pytest.mark.parametrize(('error', 'code', 'kind', 'sentence'), [
+    (RecordingError('A\nb\n  c.. See ../x..'), 1, 'recording', 'A b c. See ../x.'),
+    (OSError(28, 'It is full'), 1, 'operating_system', 'Reading or writing: It is full.'),
+    (KeyboardInterrupt(), 130, 'interrupted', 'interrupted; nothing was left half-written.'),
+])  # fmt: skip
 def test_an_error_is_a_line_and_in_json(error, code, kind, sentence, run, drift_csv, monkeypatch):  # noqa: PLR0913, PLR0917
     def fail(*_):
         raise error

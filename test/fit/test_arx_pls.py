@@ -45,14 +45,10 @@ def textbook(x, y, orders):
     return j, run * y.std(axis=0)
 
 
-@pytest.mark.parametrize(
-    'orders',
-    [
-        (Orders(2, 2, 1), Orders(1, 2, 0, direct=True)),
-        (Orders(0, 1, 0, direct=True), Orders(1, 3, 2)),
-        (Orders(3, 2, 0),),
-    ],
-)
+@pytest.mark.parametrize('orders', [
+    (Orders(2, 2, 1), Orders(1, 2, 0, direct=True)),
+    (Orders(0, 1, 0, direct=True), Orders(1, 3, 2)), (Orders(3, 2, 0),),
+])  # fmt: skip
 def test_the_model_is_that_of_the_textbook(orders):
     rng = np.random.default_rng(4)
     x = np.cumsum(rng.standard_normal((500, 3)), axis=0) @ rng.standard_normal((3, 3)) + 25.0

@@ -89,13 +89,10 @@ def pose_lags(simulate, axis_data):
     return make
 
 
-@pytest.mark.parametrize(
-    ('latents', 'given', 'words'),
-    [
-        (None, (Orders(2, 2, 1), LAG), ('n 2, m 2, d 1', 'n 1, m 1, d 0, direct')),
-        (2, (Orders(1, 2, 0),), ('n 1, m 2, d 0', 'n 1, m 2, d 0')),
-    ],
-)
+@pytest.mark.parametrize(('latents', 'given', 'words'), [
+    (None, (Orders(2, 2, 1), LAG), ('n 2, m 2, d 1', 'n 1, m 1, d 0, direct')),
+    (2, (Orders(1, 2, 0),), ('n 1, m 2, d 0', 'n 1, m 2, d 0')),
+])  # fmt: skip
 def test_orders_are_given_once_for_all_latents_or_once_per_latent(
     pose_lags, latents, given, words
 ):  # fmt: skip

@@ -66,16 +66,12 @@ def refuse(_):
     raise WristFtCompError('The sensor is gone.')
 
 
-@pytest.mark.parametrize(
-    ('line', 'arguments', 'word'),
-    [
-        (pytest.fail, ['-p', 'speed:=fast'], "speed must be a number of at least 0; got 'fast'"),
-        (pytest.fail, ['-p', 'speed:=[1, 2.5]'], 'decimal point'),
-        (pytest.fail, ['-p', 'topics:=[/state:data:K]'], 'quotes: \'["/state:data[0]"]\'.'),
-        (pytest.fail, ['--nonsense'], "['--nonsense']"),
-        (refuse, [], 'The sensor is gone.'),
-    ],
-)
+@pytest.mark.parametrize(('line', 'arguments', 'word'), [
+    (pytest.fail, ['-p', 'speed:=fast'], "speed must be a number of at least 0; got 'fast'"),
+    (pytest.fail, ['-p', 'speed:=[1, 2.5]'], 'decimal point'),
+    (pytest.fail, ['-p', 'topics:=[/state:data:K]'], 'quotes: \'["/state:data[0]"]\'.'),
+    (pytest.fail, ['--nonsense'], "['--nonsense']"), (refuse, [], 'The sensor is gone.'),
+])  # fmt: skip
 def test_a_refusal_is_a_sentence_and_exit_code_1(run, line, arguments, word):
     code, errors = run(line, *arguments)
     assert code == 1

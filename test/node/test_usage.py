@@ -8,13 +8,10 @@ from wrist_ft_comp.node.simulated_sensor import SimulatedSensor
 COMMON = ('/rosout', 'logger_levels', '/parameter_events', 'parameter', 'type_description')
 
 
-@pytest.mark.parametrize(
-    ('module', 'node', 'name'),
-    [
-        (compensator_node, CompensatorNode, 'compensator'),
-        (simulated_sensor, SimulatedSensor, 'simulated_sensor'),
-    ],
-)
+@pytest.mark.parametrize(('module', 'node', 'name'), [
+    (compensator_node, CompensatorNode, 'compensator'),
+    (simulated_sensor, SimulatedSensor, 'simulated_sensor'),
+])  # fmt: skip
 def test_help_names_what_the_node_has_and_exits(bench, capsys, module, node, name):
     assert module.main([name, '--ros-args', '--help']) == 0
     shown = capsys.readouterr()

@@ -109,14 +109,10 @@ TURNED = CELL_S * np.cumsum(np.repeat([0.4, 0.8], [60, 80]))
 TURNING = still(np.column_stack((np.sin(TURNED), np.sin(3 * TURNED) / 9, np.cos(TURNED))))
 
 
-@pytest.mark.parametrize(
-    ('cells', 'fast', 'speed'),
-    [
-        (EVERYWHERE, np.arange(100) < 55, 0.8 * (np.arange(100) < 55)),
-        (TURNING, np.arange(140) >= 60, np.nan),
-    ],
-    ids=['a speed that was measured', 'one that nobody measured is that of gravity'],
-)
+@pytest.mark.parametrize(('cells', 'fast', 'speed'), [
+    (EVERYWHERE, np.arange(100) < 55, 0.8 * (np.arange(100) < 55)),
+    (TURNING, np.arange(140) >= 60, np.nan),
+], ids=['a speed that was measured', 'one that nobody measured is that of gravity'])  # fmt: skip
 def test_cells_that_turn_fast_are_left_out(cells, fast, speed):
     heavier = cells[:, :6] + fast[:, None] * (cells[:, :6] - CONSTANT)  # twice the weight
     for known, mass_kg in ((speed, 1.5), (0.0, 3.0)):
@@ -144,18 +140,15 @@ ANGLES = np.linspace(-30, 30, 60)
 PUSHED = np.random.default_rng(5).normal(0, 20, (100, 6)) * (np.arange(100) < 70)[:, None]
 
 
-@pytest.mark.parametrize(
-    ('cells', 'said'),
-    [
-        (still(tilted(np.column_stack((ANGLES / 4, 0 * ANGLES)))), '0.75, 0.03, 0.00 .* along x'),
-        (still(tilted(np.column_stack((ANGLES, -ANGLES)))[:39]), 'or 10 s only .* least 10 s'),
-        (changed(EVERYWHERE, force=EVERYWHERE[:, 6:9] / 9.807), 'or 0 s only .* 9.8 m/s²'),
-        (changed(EVERYWHERE, wrench=EVERYWHERE[:, :6] + PUSHED), 'not follow|not that of a rigid'),
-        (REST, r'gravity moved by 0\.00, 0\.00, 0\.00'),
-        (changed(REST, wrench=0.0), r'gravity moved by 0\.00, 0\.00, 0\.00'),
-        (changed(still(SHAKEN), wrench=EVERYWHERE[:, :6] / 1000), 'nothing weighs on the sensor'),
-    ],
-)
+@pytest.mark.parametrize(('cells', 'said'), [
+    (still(tilted(np.column_stack((ANGLES / 4, 0 * ANGLES)))), '0.75, 0.03, 0.00 .* along x'),
+    (still(tilted(np.column_stack((ANGLES, -ANGLES)))[:39]), 'or 10 s only .* least 10 s'),
+    (changed(EVERYWHERE, force=EVERYWHERE[:, 6:9] / 9.807), 'or 0 s only .* 9.8 m/s²'),
+    (changed(EVERYWHERE, wrench=EVERYWHERE[:, :6] + PUSHED), 'not follow|not that of a rigid'),
+    (REST, r'gravity moved by 0\.00, 0\.00, 0\.00'),
+    (changed(REST, wrench=0.0), r'gravity moved by 0\.00, 0\.00, 0\.00'),
+    (changed(still(SHAKEN), wrench=EVERYWHERE[:, :6] / 1000), 'nothing weighs on the sensor'),
+])  # fmt: skip
 def test_what_shows_no_payload_is_refused_with_what_is_missing(cells, said):
     with pytest.raises(CalibrationRefusedError, match=said):
         identify(cells, CELL_S, None)

@@ -45,16 +45,12 @@ GAINS, PRESS = gains_of(np.eye(3)), np.random.default_rng(0).normal(0, 2, (1, 3,
 RARELY = 500.0 * np.kron(np.diag([1.0, 1.0, 0.003]), np.eye(3))
 
 
-@pytest.mark.parametrize(
-    ('gains', 'normal', 'said'),
-    [
-        (-GAINS, NORMAL, 'mirrored'),
-        (gains_of(np.diag([1.0, 1.0, -1.0])), NORMAL, 'mirrored'),
-        (GAINS * [1, 1, 1.8, 1, 1, 1], NORMAL, 'not that of a rigid body'),
-        (np.concatenate((GAINS, PRESS)), RARELY, 'not that of a rigid body'),
-        (np.concatenate((GAINS, 1e-3 * PRESS)), RARELY, None),
-    ],
-)
+@pytest.mark.parametrize(('gains', 'normal', 'said'), [
+    (-GAINS, NORMAL, 'mirrored'), (gains_of(np.diag([1.0, 1.0, -1.0])), NORMAL, 'mirrored'),
+    (GAINS * [1, 1, 1.8, 1, 1, 1], NORMAL, 'not that of a rigid body'),
+    (np.concatenate((GAINS, PRESS)), RARELY, 'not that of a rigid body'),
+    (np.concatenate((GAINS, 1e-3 * PRESS)), RARELY, None),
+])  # fmt: skip
 def test_reasons_against_a_payload_are_named(gains, normal, said):
     doubts = rigid_bodies(gains, normal, np.full(6, 1e-4), 1000.0).doubts()
     assert any(said in doubt for doubt in doubts) if said else not doubts

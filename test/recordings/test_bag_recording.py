@@ -104,18 +104,15 @@ def test_a_part_is_counted_from_the_first_message_with_a_stamp(write, messages):
 TYPE = 'geometry_msgs/msg/WrenchStamped'
 
 
-@pytest.mark.parametrize(
-    ('topics', 'sentence'),
-    [
-        (Topics(wrench='/log'), f'/log of bag is std_msgs/msg/String.*must be {TYPE}'),
-        (Topics(temperatures=('/temperature', 'temperature')), 'named twice'),
-        (Topics(reference='/ati'), 'no topic /ati for the reference'),
-        (
-            Topics('/raw_wrench'),
-            r'/raw_wrench for the raw wrench; it holds .*/log \(std_.*Did you mean /wrench_raw',
-        ),
-    ],
-)
+@pytest.mark.parametrize(('topics', 'sentence'), [
+    (Topics(wrench='/log'), f'/log of bag is std_msgs/msg/String.*must be {TYPE}'),
+    (Topics(temperatures=('/temperature', 'temperature')), 'named twice'),
+    (Topics(reference='/ati'), 'no topic /ati for the reference'),
+    (
+        Topics('/raw_wrench'),
+        r'/raw_wrench for the raw wrench; it holds .*/log \(std_.*Did you mean /wrench_raw',
+    ),
+])  # fmt: skip
 def test_topics_that_the_bag_does_not_hold_are_refused(make_bag, topics, sentence):
     path = make_bag(count=100)
     assert REFERENCE_CHANNELS not in read(path)[0], 'by its default name it may be missing'

@@ -67,19 +67,16 @@ def test_stamps_may_be_of_any_kind_and_temperatures_in_fahrenheit(columns):
         assert_same(recording_from_columns({name: stamps, **table}), expected)
 
 
-@pytest.mark.parametrize(
-    ('change', 'sentence'),
-    [
-        ({'force_z': np.ones(9)}, 'columns of table must have one value per row: .* same length'),
-        ({'force_z': np.ones((ROWS, 2))}, 'columns of table must have one value per row'),
-        ({'stamp_ns': STAMPS.reshape(2, -1)}, 'columns of table must have one value per row'),
-        ({'force_z': ['warm'] * ROWS}, "column force_z: expected a number, got 'warm'"),
-        ({'force_z': [None, {}] * (ROWS // 2)}, 'Line 2 of table, column force_z: expected a num'),
-        ({'stamp_ns': STAMPS * np.nan}, 'column stamp_ns: expected a time .ns., got'),
-        ({'stamp_ns': ['NaT'] * ROWS}, 'column stamp_ns: expected a time'),
-        ({'stamp_ns': np.full(ROWS, 'NaT', 'datetime64[s]')}, 'column stamp_ns: expected a time'),
-    ],
-)
+@pytest.mark.parametrize(('change', 'sentence'), [
+    ({'force_z': np.ones(9)}, 'columns of table must have one value per row: .* same length'),
+    ({'force_z': np.ones((ROWS, 2))}, 'columns of table must have one value per row'),
+    ({'stamp_ns': STAMPS.reshape(2, -1)}, 'columns of table must have one value per row'),
+    ({'force_z': ['warm'] * ROWS}, "column force_z: expected a number, got 'warm'"),
+    ({'force_z': [None, {}] * (ROWS // 2)}, 'Line 2 of table, column force_z: expected a num'),
+    ({'stamp_ns': STAMPS * np.nan}, 'column stamp_ns: expected a time .ns., got'),
+    ({'stamp_ns': ['NaT'] * ROWS}, 'column stamp_ns: expected a time'),
+    ({'stamp_ns': np.full(ROWS, 'NaT', 'datetime64[s]')}, 'column stamp_ns: expected a time'),
+])  # fmt: skip
 def test_bad_columns_get_their_sentence(change, sentence):
     with pytest.raises(RecordingError, match=sentence):
         recording_from_columns({**GOOD, **change})

@@ -19,34 +19,28 @@ def judge(before=10.0, after=1.0, peak=0.0, **known):
     return verdict.judge(verdict.Evidence(errors=errors, **known))
 
 
-@pytest.mark.parametrize(
-    ('changes', 'expected'),
-    [
-        ({'after': 10 * verdict.GOOD_REMAINDER - JUST}, 'good'),
-        ({'after': 10 * verdict.GOOD_REMAINDER + JUST}, 'weak'),
-        ({'after': 10 * HARMFUL_RATIO - JUST}, 'weak'),
-        ({'after': 10 * HARMFUL_RATIO + JUST}, 'harmful'),
-        ({'after': 12.0, 'noise': 12.0 / verdict.NOISE_MARGIN + JUST}, 'good'),
-        ({'after': 8.0, 'noise': 8.0 / verdict.NOISE_MARGIN + JUST}, 'good'),
-        ({'after': 8.0, 'noise': 8.0 / verdict.NOISE_MARGIN - JUST}, 'weak'),
-        ({'slowest_s': 5000.0 - JUST, 'longest_s': 10000.0}, 'good'),
-        ({'slowest_s': 5000.0 + JUST, 'longest_s': 10000.0}, 'weak'),
-        ({'slowest_s': 5000.0}, 'good'),
-        ({'promised': False}, 'weak'),
-        ({'promised': False, 'noise': 1.0}, 'weak'),
-        ({'compensated': False, 'after': 10.0}, 'uncalibrated'),
-        ({'moved_k': verdict.SMALLEST_CHANGE_K}, 'good'),
-        ({'moved_k': verdict.SMALLEST_CHANGE_K - JUST}, 'unjudged'),
-        ({'after': 8.0, 'noise': 4.0 / verdict.NOISE_MARGIN + JUST, 'widening': 2.0}, 'good'),
-        ({'after': 8.0, 'noise': 4.0 / verdict.NOISE_MARGIN - JUST, 'widening': 2.0}, 'weak'),
-        ({'before': 0.0, 'after': 0.0, 'noise': 0.0}, 'good'),
-        ({'before': 0.05, 'after': 0.01, 'parts': SMALL, 'noise': 0.01}, 'good'),
-        ({'before': 0.05, 'after': 0.01, 'parts': SMALL, 'noise': 0.009}, 'weak'),
-        ({'peak': 0.5, 'limit': 0.5}, 'good'),
-        ({'peak': 0.5 + JUST, 'limit': 0.5}, 'weak'),
-        ({'peak': 0.5}, 'good'),
-    ],
-)
+@pytest.mark.parametrize(('changes', 'expected'), [
+    ({'after': 10 * verdict.GOOD_REMAINDER - JUST}, 'good'),
+    ({'after': 10 * verdict.GOOD_REMAINDER + JUST}, 'weak'),
+    ({'after': 10 * HARMFUL_RATIO - JUST}, 'weak'),
+    ({'after': 10 * HARMFUL_RATIO + JUST}, 'harmful'),
+    ({'after': 12.0, 'noise': 12.0 / verdict.NOISE_MARGIN + JUST}, 'good'),
+    ({'after': 8.0, 'noise': 8.0 / verdict.NOISE_MARGIN + JUST}, 'good'),
+    ({'after': 8.0, 'noise': 8.0 / verdict.NOISE_MARGIN - JUST}, 'weak'),
+    ({'slowest_s': 5000.0 - JUST, 'longest_s': 10000.0}, 'good'),
+    ({'slowest_s': 5000.0 + JUST, 'longest_s': 10000.0}, 'weak'), ({'slowest_s': 5000.0}, 'good'),
+    ({'promised': False}, 'weak'), ({'promised': False, 'noise': 1.0}, 'weak'),
+    ({'compensated': False, 'after': 10.0}, 'uncalibrated'),
+    ({'moved_k': verdict.SMALLEST_CHANGE_K}, 'good'),
+    ({'moved_k': verdict.SMALLEST_CHANGE_K - JUST}, 'unjudged'),
+    ({'after': 8.0, 'noise': 4.0 / verdict.NOISE_MARGIN + JUST, 'widening': 2.0}, 'good'),
+    ({'after': 8.0, 'noise': 4.0 / verdict.NOISE_MARGIN - JUST, 'widening': 2.0}, 'weak'),
+    ({'before': 0.0, 'after': 0.0, 'noise': 0.0}, 'good'),
+    ({'before': 0.05, 'after': 0.01, 'parts': SMALL, 'noise': 0.01}, 'good'),
+    ({'before': 0.05, 'after': 0.01, 'parts': SMALL, 'noise': 0.009}, 'weak'),
+    ({'peak': 0.5, 'limit': 0.5}, 'good'), ({'peak': 0.5 + JUST, 'limit': 0.5}, 'weak'),
+    ({'peak': 0.5}, 'good'),
+])  # fmt: skip
 def test_every_level_begins_where_the_table_says(changes, expected):
     assert judge(**changes).level == expected
 

@@ -220,33 +220,29 @@ def test_arrays_have_the_shape_that_fits_the_others(document, load):
 THREE = [{'a': [], 'b': [1.0], 'first_lag': 0} for _ in range(3)]
 
 
-@pytest.mark.parametrize(
-    ('place', 'value', 'sentence'),
-    [
-        ('axes force_q', {}, 'force_q'),
-        ('format', 'another', 'expected "format: wrist_ft_comp drift model"'),
-        *(('version', n, 'version of .* reads format 4') for n in (0, 5, '1', 1.5, None, [1])),
-        ('period_ns', 0, 'period_ns'),
-        ('period_ns', 1.5, 'period_ns'),
-        ('period_ns', 10_000_000, 'period_ns'),
-        ('duration_s', -1.0, 'duration_s must be .* at least 0'),
-        ('start_s', -1.0, 'start_s must be .* from 0'),
-        ('axes force_x rms_after', -1.0, 'rms_after must be .* at least 0'),
-        ('thermometers', [], 'number of thermometers'),
-        ('thermometers', [{'range_c': [1.0, 2.0], 'stand_s': 5.0}], 'number of thermometers'),
-        ('axes force_x model features degree', 0, 'degree must be a number from 1 to 10'),
-        ('axes force_x model features degree', 1, 'number of features'),
-        ('axes force_x model features upper_c', [-9.0, -9.0], 'calibrated range'),
-        ('axes force_x model dynamics output_weight', [0.0], 'output_weight'),
-        ('axes force_x model dynamics latents 0 a', [-1.0001], 'a pole'),
-        ('axes force_z model filters 0 b', [0.5], 'gain of a filter'),
-        ('axes force_z model filters 1 a', [-2.2, 1.5], 'a pole'),
-        ('axes force_z model filters', THREE, 'number of filters'),
-        ('axes force_z model filters', [], 'number of thermometers'),
-        ('axes torque_z model features knots_c', [[0.0, 1.0]], 'length of knots_c'),
-        ('axes torque_z model features knots_c 0', [20.0, 20.0, 60.0], 'knots_c cannot be right'),
-    ],
-)
+@pytest.mark.parametrize(('place', 'value', 'sentence'), [
+    ('axes force_q', {}, 'force_q'),
+    ('format', 'another', 'expected "format: wrist_ft_comp drift model"'),
+    *(('version', n, 'version of .* reads format 4') for n in (0, 5, '1', 1.5, None, [1])),
+    ('period_ns', 0, 'period_ns'), ('period_ns', 1.5, 'period_ns'),
+    ('period_ns', 10_000_000, 'period_ns'),
+    ('duration_s', -1.0, 'duration_s must be .* at least 0'),
+    ('start_s', -1.0, 'start_s must be .* from 0'),
+    ('axes force_x rms_after', -1.0, 'rms_after must be .* at least 0'),
+    ('thermometers', [], 'number of thermometers'),
+    ('thermometers', [{'range_c': [1.0, 2.0], 'stand_s': 5.0}], 'number of thermometers'),
+    ('axes force_x model features degree', 0, 'degree must be a number from 1 to 10'),
+    ('axes force_x model features degree', 1, 'number of features'),
+    ('axes force_x model features upper_c', [-9.0, -9.0], 'calibrated range'),
+    ('axes force_x model dynamics output_weight', [0.0], 'output_weight'),
+    ('axes force_x model dynamics latents 0 a', [-1.0001], 'a pole'),
+    ('axes force_z model filters 0 b', [0.5], 'gain of a filter'),
+    ('axes force_z model filters 1 a', [-2.2, 1.5], 'a pole'),
+    ('axes force_z model filters', THREE, 'number of filters'),
+    ('axes force_z model filters', [], 'number of thermometers'),
+    ('axes torque_z model features knots_c', [[0.0, 1.0]], 'length of knots_c'),
+    ('axes torque_z model features knots_c 0', [20.0, 20.0, 60.0], 'knots_c cannot be right'),
+])  # fmt: skip
 def test_an_impossible_value_is_refused_with_its_place(document, load, place, value, sentence):
     path = [int(word) if word.isdigit() else word for word in place.split()]
     with pytest.raises(ModelFileError, match=sentence) as refusal:
@@ -258,17 +254,13 @@ def test_an_impossible_value_is_refused_with_its_place(document, load, place, va
 ALIASES = [f'a{i}: &a{i} [{", ".join([f"*a{i - 1}"] * 9)}]' for i in range(1, 30)]
 
 
-@pytest.mark.parametrize(
-    ('content', 'sentence'),
-    [
-        ('\n'.join(['a0: &a0 [x, x, x, x, x, x, x, x, x]', *ALIASES]), 'aliases are not allowed'),
-        ('[' * 20_000, 'no more than 30 levels are allowed|nesting depth'),
-        ('{a: ' * 20_000, 'no more than 30 levels are allowed|nesting depth'),
-        ('- ' * 20_000, 'no more than 30 levels are allowed|nesting depth'),
-        ('- 1\n' * 500_000, 'no more than 100000 values are allowed'),
-    ],
-    ids=range(5),
-)
+@pytest.mark.parametrize(('content', 'sentence'), [
+    ('\n'.join(['a0: &a0 [x, x, x, x, x, x, x, x, x]', *ALIASES]), 'aliases are not allowed'),
+    ('[' * 20_000, 'no more than 30 levels are allowed|nesting depth'),
+    ('{a: ' * 20_000, 'no more than 30 levels are allowed|nesting depth'),
+    ('- ' * 20_000, 'no more than 30 levels are allowed|nesting depth'),
+    ('- 1\n' * 500_000, 'no more than 100000 values are allowed'),
+], ids=range(5))  # fmt: skip
 def test_bombs_are_refused_before_they_go_off(load, content, sentence):
     with pytest.raises(ModelFileError, match=sentence):
         load(content)

@@ -43,15 +43,12 @@ def test_a_name_is_never_given_to_another_payload(path):
     assert {name: json.loads(path.read_text('utf-8'))['payloads'][name] for name in first} == first
 
 
-@pytest.mark.parametrize(
-    ('right', 'wrong', 'sentence'),
-    [
-        ('1.25', '-1.25', 'payloads/day-1: mass_kg must be .* from 0'),
-        ('0.06', '60.0', 'center_of_mass_m .* from -10 to 10; got 60'),
-        ('0.9', '0', 'payloads/day-1: scale must'),
-        ('0.1,', '1e999,', 'payloads/day-1/bias must be finite numbers'),
-    ],
-)
+@pytest.mark.parametrize(('right', 'wrong', 'sentence'), [
+    ('1.25', '-1.25', 'payloads/day-1: mass_kg must be .* from 0'),
+    ('0.06', '60.0', 'center_of_mass_m .* from -10 to 10; got 60'),
+    ('0.9', '0', 'payloads/day-1: scale must'),
+    ('0.1,', '1e999,', 'payloads/day-1/bias must be finite numbers'),
+])  # fmt: skip
 def test_a_broken_file_is_refused_with_a_sentence_and_stays(path, right, wrong, sentence):
     add_payloads(path, 'day', [TOOL], FRAME)
     broken = path.read_text('utf-8').replace(right, wrong)

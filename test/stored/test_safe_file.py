@@ -82,15 +82,12 @@ def test_a_target_that_cannot_be_written_is_a_sentence(content, target, monkeypa
     assert target.read_text() == 'old'
 
 
-@pytest.mark.parametrize(
-    ('name', 'write'),
-    [
-        ('state.json', lambda folder: save_state(folder / 'state.json', STATE)),
-        ('learning.json', lambda folder: save_memory(folder, Memory())),
-        ('days/diary.json', lambda folder: save_diary(folder, Diary())),
-        ('active.json', lambda folder: NodeFolder(folder).activate([HistoryEntry(None)])),
-    ],
-)
+@pytest.mark.parametrize(('name', 'write'), [
+    ('state.json', lambda folder: save_state(folder / 'state.json', STATE)),
+    ('learning.json', lambda folder: save_memory(folder, Memory())),
+    ('days/diary.json', lambda folder: save_diary(folder, Diary())),
+    ('active.json', lambda folder: NodeFolder(folder).activate([HistoryEntry(None)])),
+])  # fmt: skip
 @pytest.mark.parametrize(
     'foreign', [b'{"format": "other", "of": []}', b'{', bytes(9), 'older', 'damaged']
 )
