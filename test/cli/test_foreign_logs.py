@@ -9,7 +9,6 @@ import shlex
 import numpy as np
 import pytest
 
-from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.column_map import parse_map
@@ -219,39 +218,6 @@ def test_channels_that_take_turns_in_a_long_log_are_found(names, run, tmp_path):
     found = re.search(r'log.csv has a row for each channel \((.*)\); expected a column', said)[1]
     assert sorted(found.split(', ')) == names
     assert "pivot_table('value', 'time', 'name'" in said
-
-
-#: A header, what it holds (t: seconds, f: a force, T: a temperature, K: in kelvins, W: in no
-#: unit), and what is proposed of it.
-PROPOSALS = {
-    't,k,temp': ('tfK', 'stamp=t,temperature_c=temp:K,force_z=…', 's'),
-    't,a,b,temp': ('tffT', 'stamp=t,temperature_c=temp,force_z=…', 's'),
-    't,fz,temp': ('tfW', 'stamp=t,force_z=fz,temperature_c=…', 's'),
-    't,ch1,ch2,ch3,ch4,ch5,ch6,temp': (
-        'tffffffT', ','.join(['stamp=t', 'temperature_c=temp', *(f'{axis}=…' for axis in AXES)]),
-        's'),
-    'a,b,c': ('tfT', 'stamp=…,force_z=…,temperature_c=…', ''),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize('header', PROPOSALS)
-def test_what_cannot_be_told_of_columns_stays_open(header, tmp_path, run):
-    """What can be is proposed in test_recorders.py; the command that is printed cannot be run."""
-    kinds, columns, time = PROPOSALS[header]
-    t, force, celsius = (values[::60] for values in (T, FORCE, CELSIUS))
-    made = {
-        't': t, 'f': force, 'T': celsius, 'K': celsius + 273.15, 'W': 240 + 50 * (celsius - 20),
-    }  # fmt: skip
-    path = write(tmp_path / 'log.csv', header, [made[kind] for kind in kinds])
-    shown = run('show', path)
-    assert ('Add other axes' in shown.out) == (header == 't,a,b,temp')
-    assert (shown.code, proposed(shown.out)) == (1, (columns, time))
-    words = ['calibrate', path, '-o', tmp_path / 'model.yaml']
-    assert f"such as --columns '{columns}'" in run(*words).sentence
-    assert 'samples' not in shown.out, 'nothing of it was read'
-    assert shown.out.count(columns) == 1
-    refused = run(*words, '--columns', columns).sentence
-    assert 'is left open: put its name, or its number' in refused
 
 
 @pytest.mark.parametrize(('most', 'period_s'), [(1e6, 1), (ROWS * 6, 10), (ROWS / 6, 60)])

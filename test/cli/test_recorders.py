@@ -120,7 +120,15 @@ def test_what_is_printed_leads_to_right_channels_units_and_times(name, run, tmp_
     if 'open' in form:
         assert '…' in shown['commands'][0]
         assert 'in the place of …' in shown['refusal']
-        topics = Topics(columns=form['open'])
+        words = ['calibrate', path, '-o', 'model.yaml']
+        assert f"such as --columns '{topics.columns}'" in run(*words).sentence
+        refused = run(*words, '--columns', topics.columns).sentence
+        assert 'is left open: put its name, or its number' in refused
+        text = run('show', path).out
+        assert text.count(topics.columns) == 1
+        assert 'samples' not in text, 'nothing of it was read'
+        assert ('Add other axes' in text) == ('others' in form)
+        topics = Topics(columns=form['open'], time=topics.time)
     begin_s, channels = truth(form)
     maps = [topics, Topics(columns=form['said'])] if 'said' in form else [topics]
     for recording in (read_recording(path, topics=topics) for topics in maps):
