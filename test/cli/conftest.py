@@ -97,9 +97,8 @@ def bags(tmp_path_factory, messages):
     wrenches[:, 2] = 1.0 + 2.0 * (inside - 20) + rng.normal(0, 0.05, len(t))
     stamps_ns = 1_700_000_000_000_000_000 + 5 * 10**6 * np.arange(len(t))
     folder = tmp_path_factory.mktemp('bags')
-    return {
-        storage: messages.write(
-            folder / storage, messages.run(stamps_ns, wrenches, inside), storage
-        )
-        for storage in ('sqlite3', 'mcap')
-    }
+    written = {}
+    for storage in ('sqlite3', 'mcap'):
+        parts = messages.run(stamps_ns, wrenches, inside)
+        written[storage] = messages.write(folder / storage, parts, storage)
+    return written

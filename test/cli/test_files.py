@@ -27,10 +27,9 @@ def test_a_missing_file_and_a_device_are_named(command, name, run, model, drift_
     sentence = run(command.split()[0], *argv).sentence
     assert name[:200] in sentence
     made = 'ros2 bag record -s mcap -o warm_up /wrench_raw /temperature'
-    assert (made in sentence) == (command != 'evaluate by' and name.startswith('missing'))
-    assert ('is no file and no folder' in sentence) == (
-        command != 'evaluate by' and name == '/dev/zero'
-    )
+    is_recording = command != 'evaluate by'
+    assert (made in sentence) == (is_recording and name.startswith('missing'))
+    assert ('is no file and no folder' in sentence) == (is_recording and name == '/dev/zero')
     assert not list(tmp_path.iterdir())
 
 

@@ -127,17 +127,11 @@ def problem(request, simulate, axis_data):
 @pytest.fixture(scope='module')
 def columns(problem, lagged):
     """Relax temperatures by the textbook loop, then take powers of T - 30 °C; by recording."""
-    return [
-        np.stack(
-            [
-                ((lagged(own_c[:, 0], tau) if tau else own_c[:, 0]) - 30) ** power
-                for tau in ridges.POOL_S
-                for power in range(1, HIGHEST + 1)
-            ],
-            axis=1,
-        )
-        for own_c in problem.temperature_c
-    ]
+    powers, all_columns = range(1, HIGHEST + 1), []
+    for own_c in problem.temperature_c:
+        relaxed = [lagged(own_c[:, 0], tau) if tau else own_c[:, 0] for tau in ridges.POOL_S]
+        all_columns.append(np.stack([(t - 30) ** n for t in relaxed for n in powers], axis=1))
+    return all_columns
 
 
 def stacked(problem, columns, kept, steps=NONE):

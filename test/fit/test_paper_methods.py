@@ -45,11 +45,8 @@ def test_units_change_nothing(make_axis_data, temperatures, lagged, method, load
     ]
     runs = []
     for unit in (1.0, 1000.0):
-        problem = make_axis_data(
-            temperatures,
-            [unit * drift for drift in drifts],
-            [unit * load for load in loads] if loaded else None,
-        )
+        known = [unit * load for load in loads] if loaded else None
+        problem = make_axis_data(temperatures, [unit * drift for drift in drifts], known)
         assert (problem.load is not None) == loaded
         runs.append(free_run(fit(method, problem), temperatures[0]))
     newton, millinewton = runs

@@ -323,15 +323,10 @@ class Executable:
     def __init__(self, module, *ros_args, source='', may_be_killed=False):
         command = [sys.executable, *(['-c', source] if source else ['-m', module])]
         command += ['--ros-args', *ros_args] if ros_args else []
-        self.process = subprocess.Popen(
-            command,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            cwd=ROOT,
-            # A SIGKILL can leave shared memory that makes the next process deaf.
-            env={**os.environ, **(LOOPBACK_UDP if may_be_killed else {})},
-        )
+        # A SIGKILL can leave shared memory that makes the next process deaf.
+        environment = {**os.environ, **(LOOPBACK_UDP if may_be_killed else {})}
+        pipes = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE, 'text': True}
+        self.process = subprocess.Popen(command, cwd=ROOT, env=environment, **pipes)
 
     def end(self, number=signal.SIGINT):
         self.process.send_signal(number)

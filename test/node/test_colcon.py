@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[2]
 NAME = 'wrist_ft_comp'
 EXECUTABLES = {'compensator', 'simulated_sensor', 'wrist_ft_comp'}
 TIMEOUT_S = 300.0
+CLEAN = {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
 
 colcon = shutil.which('colcon')
 pytestmark = pytest.mark.skipif(colcon is None, reason='colcon is not on the PATH: make colcon')
@@ -31,21 +32,16 @@ def run(words, folder, env):
 def workspace(tmp_path_factory):
     """A workspace with this package, built."""
     folder = tmp_path_factory.mktemp('workspace')
-    shutil.copytree(
-        ROOT,
-        folder / 'src' / NAME,
-        ignore=shutil.ignore_patterns('.*', 'build', 'install', 'log', 'out', '*.egg-info'),
-    )
-    environment = {k: v for k, v in os.environ.items() if k != 'PYTHONPATH'}
-    run([str(colcon), 'build'], folder, environment)
+    ignored = shutil.ignore_patterns('.*', 'build', 'install', 'log', 'out', '*.egg-info')
+    shutil.copytree(ROOT, folder / 'src' / NAME, ignore=ignored)
+    run([str(colcon), 'build'], folder, CLEAN)
     return folder
 
 
 @pytest.fixture(scope='module')
 def sourced(workspace):
     """The environment of a shell that sourced the workspace, far from these sources."""
-    environment = {k: v for k, v in os.environ.items() if k != 'PYTHONPATH'}
-    listing = run(['sh', '-c', '. install/setup.sh && env -0'], workspace, environment)
+    listing = run(['sh', '-c', '. install/setup.sh && env -0'], workspace, CLEAN)
     return dict(line.split('=', 1) for line in listing.split('\0') if '=' in line)
 
 

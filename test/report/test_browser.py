@@ -10,14 +10,6 @@ from chromium import Browser, CHROMIUM
 import pytest
 
 KINDS = ('good', 'weak', 'none', 'evaluation', 'plateaus')
-WIDTHS = (1280, 400)
-SCHEMES = ('light', 'dark')
-
-#: Nothing depends on width and scheme together.
-every_look = pytest.mark.parametrize(
-    ('kind', 'width', 'scheme'),
-    [(kind, *look) for kind in KINDS for look in zip(WIDTHS, SCHEMES, strict=True)],
-)
 
 #: Everything that sticks out to the right of the window, or of a box that hides what does.
 CUT_OFF = """
@@ -128,7 +120,9 @@ def files(text, tmp_path_factory):
 UNFOLD = "document.querySelectorAll('details').forEach((folded) => { folded.open = true; })"
 
 
-@every_look
+# Nothing depends on width and scheme together.
+@pytest.mark.parametrize(('width', 'scheme'), [(1280, 'light'), (400, 'dark')])
+@pytest.mark.parametrize('kind', KINDS)
 def test_the_page_is_whole_legible_and_without_complaints(kind, width, scheme, browser, files):
     browser.open(files(kind), width, scheme)
     assert browser.complaints() == []
