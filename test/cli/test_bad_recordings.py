@@ -86,6 +86,8 @@ REFUSED = {
         put('stamp_s', lambda v: np.roll(v[::-1], 1)), '598 of 600 .* ran back', ALL),
     'stamps of years out of few rows': (
         put('stamp_s', plus(3e8), ROWS - 1), r'span 3\S*e\+08 s; at most \d+ thermal cells', ALL),
+    'a first stamp of 1970': (
+        put('stamp_s', 1.0, 0), r'span 1.72\d+e\+09 s; at most', ALL),
     'milliseconds called seconds': (
         put('stamp_s', lambda v: 1e5 * (v - EPOCH_S)),
         r'span 5.99\S*e\+07 s.*by the column, such as stamp_ms, or, .* by --time ms', COLUMNS),
@@ -235,8 +237,9 @@ def test_a_bad_recording_is_refused_in_one_sentence(kind, form, write, run, tmp_
 #: What is refused when it is read, before anything is fitted.
 READ = (
     'kelvin in °C', 'absolute zero in a tenth', 'a wrench that overflows', 'stamps run back',
-    'stamps of years out of few rows', 'milliseconds called seconds', 'two clocks',
-    'microseconds called nanoseconds', 'a gap in the numbers of thermometers', 'no stamp at all',
+    'stamps of years out of few rows', 'a first stamp of 1970', 'milliseconds called seconds',
+    'microseconds called nanoseconds', 'a gap in the numbers of thermometers', 'two clocks',
+    'no stamp at all',
 )  # fmt: skip
 
 

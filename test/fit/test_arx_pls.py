@@ -22,9 +22,10 @@ def textbook(x, y, orders):
         b = u @ t / (t @ t)  # eq. 9
         first = of_latent.d + (0 if of_latent.direct else 1)
         longest = max(of_latent.n, first + of_latent.m - 1)
-        past = [u[longest - i : len(u) - i] for i in range(1, of_latent.n + 1)]
-        late = [t[longest - first - i : len(t) - first - i] for i in range(of_latent.m)]
-        phi = np.column_stack(past + late)  # eq. 20
+        rows = range(longest, len(t))
+        past = [[u[k - i] for i in range(1, of_latent.n + 1)] for k in rows]
+        late = [[t[k - first - i] for i in range(of_latent.m)] for k in rows]
+        phi = np.hstack((past, late))  # eq. 20
         phi, target = phi - phi.mean(axis=0), u[longest:] - u[longest:].mean()
         theta = np.linalg.inv(phi.T @ phi) @ phi.T @ target  # eq. 22
         j.append(0.5 * np.sum((target - phi @ theta) ** 2))  # eq. 21
