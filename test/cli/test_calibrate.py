@@ -101,8 +101,7 @@ def test_a_single_warm_up_that_comes_to_rest_promises_what_another_day_keeps(don
         force = 3 + 0.4 * rise_k + other + rng.normal(0, 0.05, 7200)
         celsius = 21 + rise_k + rng.normal(0, 0.02, 7200)
         columns = {'stamp_s': time_s, 'force_z': force, 'temperature_c': celsius}
-        rows = {channel: values.tolist() for channel, values in columns.items()}
-        return make.csv(tmp_path / 'day.csv', rows)
+        return make.csv(tmp_path / 'day.csv', columns)
 
     model = tmp_path / 'm.yaml'
     fit = json.loads(done('calibrate', day(warming), '-o', model, '--json'))

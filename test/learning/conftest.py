@@ -2,6 +2,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.learning.incidents import look_at
@@ -38,13 +39,11 @@ def record(  # noqa: PLR0913 -- what a day's robot is like
     raw[350:] += jump * units
     raw[:, 3] += unseen * units[3] * hours * np.exp(-hours)
     raw += rng.normal(0, noise, raw.shape) * units
-    angle = np.deg2rad(turned_deg)
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0],
-                     [0, 0, 1]])  # fmt: skip
+    turned = Rotation.from_euler('z', turned_deg, degrees=True).apply(force)
     return Recording(
         f'day_{number:05d}.csv', PERIOD_S * NANOSECONDS, 12 * 3600 * number, temperature_c,
         np.ones(temperature_c.shape, dtype=bool), raw, np.full((cells, len(AXES)), np.nan),
-        specific_force=force @ turn.T + rng.normal(0, 0.005, force.shape),
+        specific_force=turned + rng.normal(0, 0.005, force.shape),
         rotation_speed=np.zeros(cells))  # fmt: skip
 
 

@@ -101,11 +101,8 @@ def test_a_part_is_counted_from_the_first_message_with_a_stamp(write, messages):
     assert len(read_recording(path, topics=Topics(begin='60'))) == 40
 
 
-TYPE = 'geometry_msgs/msg/WrenchStamped'
-
-
 @pytest.mark.parametrize(('topics', 'sentence'), [
-    (Topics(wrench='/log'), f'/log of bag is std_msgs/msg/String.*must be {TYPE}'),
+    (Topics(wrench='/log'), '/log of bag is std_msgs/msg/String.*be geometry_msgs/msg/Wrench'),
     (Topics(temperatures=('/temperature', 'temperature')), 'named twice'),
     (Topics(reference='/ati'), 'no topic /ati for the reference'),
     (
