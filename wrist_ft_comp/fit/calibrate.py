@@ -46,7 +46,10 @@ def calibrate(
     reference = settings.reference
     axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
     ranges_c = checks.check_recordings(recordings, reference, settings.min_temperature_span_k)
-    recordings, dropped, doubts = checks.sound_recordings(recordings, axes)
+    recordings, doubts = checks.drop_unknown_temperatures(recordings)
+    recordings, dropped = checks.drop_stuck_cells(recordings, axes)
+    for find in (checks.pauses, checks.idle_thermometers, checks.jumping_thermometers):
+        doubts += find(recordings)
     # Begin a segment at each step of a still load.
     recordings, stepped = segment(recordings, reference)
     folds = assign_folds(recordings)
@@ -56,8 +59,7 @@ def calibrate(
         work = learn_at_work(
             recordings, lambda drift: _learn(drift, axes, folds, settings, lambda _: None)[1]
         )
-    learnt_from = work.drift if work else recordings
-    fits, model, said = _learn(learnt_from, axes, folds, settings, progress)
+    fits, model, said = _learn(work.drift if work else recordings, axes, folds, settings, progress)
     # Say what to doubt.
     sensors = {
         f'in recording {number}, {recording.name}': recording.sensor

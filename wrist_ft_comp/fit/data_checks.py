@@ -1,6 +1,6 @@
 """Whether recordings can be calibrated from: refusals with numbers and a remedy."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 import math
@@ -30,21 +30,8 @@ _SEVERAL = 10
 LONG_SILENCE_S = 600.0
 #: Of a channel up to this share may be left out; with more, something is wrong with it.
 MOST_LEFT_OUT = 0.05
-
-
-def sound_recordings(
-    recordings: Sequence[Recording], axes: Sequence[str]
-) -> tuple[list[Recording], list[str], list[str]]:
-    """
-    Leave out of recordings what no sensor measured: some axes, and unknown temperatures.
-
-    Gives what was dropped of axes, and doubts about thermometers, in sentences.
-    CalibrationRefusedError where too little is left.
-    """
-    known, doubts = drop_unknown_temperatures(recordings)
-    sound, dropped = drop_stuck_cells(known, axes)
-    doubts += [*pauses(sound), *idle_thermometers(sound), *jumping_thermometers(sound)]
-    return sound, dropped, doubts
+#: Recordings without what cannot be learnt from, and sentences that say what that was.
+Cleaned = tuple[list[Recording], list[str]]
 
 
 def check_recordings(
@@ -114,9 +101,7 @@ def _are_the_same(one: Recording, other: Recording) -> bool:
     return len(shares) > 1 and bool(min(shares) > _NEARLY_ALL)
 
 
-def drop_stuck_cells(
-    recordings: Sequence[Recording], axes: Sequence[str]
-) -> tuple[list[Recording], list[str]]:
+def drop_stuck_cells(recordings: Sequence[Recording], axes: Sequence[str]) -> Cleaned:
     """
     Make cells in which a raw wrench is stuck NaN, and say so.
 
@@ -190,9 +175,7 @@ def _find_stuck(series: Sequence[FloatArray]) -> list[BoolArray]:
     return marked if lively else [np.zeros_like(stuck) for stuck in marked]
 
 
-def drop_unknown_temperatures(
-    recordings: Sequence[Recording],
-) -> tuple[list[Recording], list[str]]:
+def drop_unknown_temperatures(recordings: Sequence[Recording]) -> Cleaned:
     """
     Make wrenches NaN while a thermometer is silent or frozen for long, and say so.
 
@@ -221,9 +204,7 @@ def drop_unknown_temperatures(
     return sound, sentences
 
 
-def _unknown(
-    recording: Recording, j: int, missing: BoolArray
-) -> tuple[list[tuple[int, int]], str]:
+def _unknown(recording: Recording, j: int, absent: BoolArray) -> tuple[list[tuple[int, int]], str]:
     """Find where a thermometer is missing for long while wrenches come; say the longest."""
     # One that always reports seldom is not silent in between.
     reports = np.flatnonzero(recording.measured[:, j])
@@ -231,7 +212,7 @@ def _unknown(
     longest = max(LONG_SILENCE_S / recording.period_s, _SEVERAL * usual)
     present: BoolArray = np.asarray(np.isfinite(recording.wrench).any(axis=1))
     runs = []
-    for first, last in runs_of(missing):
+    for first, last in runs_of(absent):
         at = first + np.flatnonzero(present[first:last])
         if len(at) and at[-1] + 1 - at[0] > longest:
             runs.append((int(at[0]), int(at[-1]) + 1))
@@ -251,9 +232,9 @@ def runs_of(marked: BoolArray) -> list[list[int]]:
     return np.flatnonzero(np.diff(np.pad(marked, 1).astype(int))).reshape(-1, 2).tolist()
 
 
-def silent_stretches(recordings: Sequence[Recording]) -> list[str]:
+def silent_stretches(recordings: Sequence[Recording]) -> Iterator[str]:
     """Name thermometers that are silent for long, and pauses of everything."""
-    sentences = pauses(recordings)
+    yield from pauses(recordings)
     for recording in recordings:
         for j, measured in enumerate(recording.measured.T):
             runs, what = _unknown(recording, j, ~measured)
@@ -261,28 +242,25 @@ def silent_stretches(recordings: Sequence[Recording]) -> list[str]:
                 begin_s, end_s = (elapsed_s(recording, cell) for cell in runs[0])
                 held = not measured[runs[0][1] :].any()
                 how = 'its last reading was held' if held else 'a straight line was drawn over it'
-                sentences.append(
+                yield (
                     f'{what}; {how}, and the drift of that time is a guess. Leave that time out: '
                     f'--exclude {math.floor(begin_s)}..{math.ceil(end_s)}.'
                 )
-    return sentences
 
 
-def pauses(recordings: Sequence[Recording]) -> list[str]:
+def pauses(recordings: Sequence[Recording]) -> Iterator[str]:
     """Name the longest pause of each recording in which nothing came for long."""
-    sentences = []
     for recording in recordings:
         came = recording.measured.any(axis=1) | np.isfinite(recording.wrench).any(axis=1)
         silent = ((last - first, first) for first, last in runs_of(np.asarray(~came)))
         cells, first = max(silent, default=(0, 0))
         if cells * recording.period_s > LONG_SILENCE_S:
-            sentences.append(
+            yield (
                 f'Nothing of {recording.name} came for {cells * recording.period_s:.0f} s, from '
                 f'{time_in(recording, first)} on. Temperatures are taken to have moved on a '
                 'straight line, and the drift after it is uncertain. If a clock was set there, '
                 'such as to summer time, correct the times; else record without a pause.'
             )
-    return sentences
 
 
 def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
@@ -297,8 +275,7 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
                 when = time_in(recording, at[jumped[0] + 1])
                 sentences.append(
                     f'Thermometer {j + 1} of {recording.name} jumps faster than metal can: by '
-                    f'{steps_k[jumped[0]]:.1f} K at {when}, the first of {len(jumped)}. Is it '
-                    'loose?'
+                    f'{steps_k[jumped[0]]:.1f} K at {when}, first of {len(jumped)}. Is it loose?'
                 )
     return sentences
 

@@ -14,7 +14,7 @@ import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT, runs_of
+from wrist_ft_comp.fit.data_checks import Cleaned, MOST_LEFT_OUT, runs_of
 from wrist_ft_comp.recording import Recording, Reference, time_in
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level, rounded, ROUNDING
 from wrist_ft_comp.steps_in_recordings import BESIDE_S, find_steps, SMALLEST_SIGMA, Step
@@ -41,9 +41,7 @@ _ROUNDS = 5
 SHORTEST_SEGMENT_S = 600.0
 
 
-def segment(
-    recordings: Sequence[Recording], reference: Reference
-) -> tuple[list[Recording], list[str]]:
+def segment(recordings: Sequence[Recording], reference: Reference) -> Cleaned:
     """
     Leave out of still loads what stands out, and take steps out of them.
 
