@@ -122,9 +122,7 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     observed = [moments[:, 0, 0] > 0 for moments in bins.moments]
     observed_c = [c[at] for c, at in zip(bins.temperature_c, observed, strict=True)]
     features = build_features(observed_c, settings)
-    sums = sum_by_fold(
-        bins, [features.expand(values_c).reshape(len(values_c), -1) for values_c in relaxed_c]
-    )
+    sums = sum_by_fold(bins, [features.expand(c).reshape(len(c), -1) for c in relaxed_c])
 
     def fit_all(products: FloatArray) -> FloatArray:
         """Fit no compensation and all candidates: their gains, (C, P)."""
@@ -160,8 +158,7 @@ def _compared_squares(errors: FloatArray, bin_s: float) -> FloatArray:
     """Mean squares by which fits are compared, (C,): errors, (n, C), with the start set aside."""
     # A constant, and a start transient of the longest relaxations.
     count = len(errors)
-    time_s = bin_s * np.arange(count)
-    transients = np.exp(-time_s[:, np.newaxis] / np.array(LONG_BANK_S[-3:]))
+    transients = np.exp(-bin_s * np.arange(count)[:, np.newaxis] / np.array(LONG_BANK_S[-3:]))
     phi = np.concatenate((np.ones((count, 1)), transients), axis=1)
     precision = np.full(phi.shape[1], count / _TRANSIENT_VARIANCE)
     precision[0] = 0.0
@@ -210,10 +207,7 @@ class BinnedData:
     def relaxed(self, time_constants_s: FloatArray) -> list[FloatArray]:
         """Run the bins' temperatures behind relaxations, as they run cell by cell: (n_i, K, J)."""
         lags = [relaxation(tau, self.period_s, self.cells) for tau in time_constants_s]
-        return [
-            np.stack([free_run(lag, means_c) for lag in lags], axis=1)
-            for means_c in self.temperature_c
-        ]
+        return [np.stack([free_run(lag, c) for lag in lags], axis=1) for c in self.temperature_c]
 
     def mean_columns(self, recording: int, rows: IntArray, x: FloatArray) -> FloatArray:
         """Put all columns together, means of some bins of a recording: x is (n, K·F)."""

@@ -76,11 +76,9 @@ def identify_paper_method(data: AxisData, settings: IdentificationSettings) -> A
     return compete(data, refits)
 
 
-def fit_structure(
-    settings: IdentificationSettings, structure: Structure, data: AxisData
-) -> Fitted:
+def fit_structure(settings: IdentificationSettings, latents: Structure, data: AxisData) -> Fitted:
     """
-    Fit one of the paper's methods, with a latent for each entry of a structure.
+    Fit one of the paper's methods with these latents.
 
     The model is None where nothing was observed or the inputs explain nothing. Sentences beside it
     say what each latent is. TooShortError is raised where an ARX does not find enough consecutive
@@ -92,14 +90,14 @@ def fit_structure(
         return None, ()
     notes: tuple[str, ...] = ()
     if settings.method == 'arx_pls':
-        orders = [of_latent for of_latent in structure if isinstance(of_latent, Orders)]
+        orders = [of_latent for of_latent in latents if isinstance(of_latent, Orders)]
         dynamics, notes = fit_arx_pls(block, orders)
     elif settings.method == 'pcr':
-        outer = fit_pcr(block.x, block.y, len(structure))
-        latents = [static_gain(gain) for gain in outer.inner]  # u_r = b_r t_r (eq. 10)
-        dynamics = block.model(outer, latents)
+        outer = fit_pcr(block.x, block.y, len(latents))
+        # u_r = b_r t_r (eq. 10)
+        dynamics = block.model(outer, [static_gain(gain) for gain in outer.inner])
     else:
-        constants_s = [tau for tau in structure if not isinstance(tau, Orders)]
+        constants_s = [tau for tau in latents if not isinstance(tau, Orders)]
         dynamics, notes = fit_filtered_pls(block, constants_s, data.period_s)
     return None if dynamics is None else AxisModel(features, dynamics), notes
 
@@ -112,11 +110,10 @@ def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     a few temperatures it is easily worse than none. ``pls`` in hats learns it.
     """
     hats = replace(settings, method='pls', features='hats')
-    features = build_features(data.temperature_c, hats, data.residual)
-    latents = settings.latents or features.width
+    width = build_features(data.temperature_c, hats, data.residual).width
 
     def fit_zero(part: AxisData) -> Fitted:
-        model, notes = fit_structure(hats, (0.0,) * latents, part)
+        model, notes = fit_structure(hats, (0.0,) * (settings.latents or width), part)
         if model is None:
             return None, notes
         names = 'output_loadings', 'output_weight', 'output_mean'

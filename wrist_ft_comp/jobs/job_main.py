@@ -50,9 +50,7 @@ def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
     frame = frame.learnt_by(job.topics.force_source, job.topics)
     (name,) = add_payloads(job.output, IDENTIFIED, [payload], frame, minute.taken)
     message = f"{payload_line(name, payload)} in the wrench's frame."
-    return {
-        'success': True, 'message': message, 'name': name, 'rotation': frame.rotation.tolist(),
-    }  # fmt: skip
+    return {'success': True, 'message': message, 'name': name, 'rotation': frame.rotation.tolist()}
 
 
 def main() -> None:

@@ -139,9 +139,8 @@ def incident(
     # Simulated days were in contact for 0.20 to 0.30 of the time.
     if day.contact >= 1 - LEAST_FREE or day.unexplained >= MISFIT:
         return 'contacts', (
-            f'Something pushed on the sensor most of the day: {day.contact:.0%} of the time was '
-            f'in contact, and no payload explains {day.unexplained:.0%} of the changes between '
-            'poses.'
+            f'Something pushed on the sensor most of the day, {day.contact:.0%} of the time, and '
+            f'no payload explains {day.unexplained:.0%} of the changes between poses.'
         )
     if found := _other_gains(day, entry, before) or _jump_of_zero(day, entry, drift):
         return found

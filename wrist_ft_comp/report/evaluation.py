@@ -1,6 +1,6 @@
 """What a model leaves of the drift in recordings: errors in means over 10 s, and their figures."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -109,32 +109,27 @@ def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]
         both = np.stack(errors)[:, np.isfinite(errors).all(axis=0)]
         if both.size:
             rms = np.sqrt(np.mean(both**2, axis=1))
-            peak = np.max(np.abs(both), axis=1)
-            judged[axis] = AxisEvaluation(*rms.tolist(), *peak.tolist())
+            judged[axis] = AxisEvaluation(*rms.tolist(), *np.abs(both).max(axis=1).tolist())
     return judged
 
 
-def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:
+def range_warnings(stored: StoredModel, recording: Recording) -> Iterator[str]:
     """Say where thermometers leave the range of a model, are silent for long, or are doubted."""
-    sentences = []
     pairs = zip(recording.temperature_c.T, stored.document['thermometers'], strict=False)
     for number, (column, thermometer) in enumerate(pairs, start=1):
         low, high = thermometer['range_c']
         share = float(np.mean((column < low - SAME_K) | (column > high + SAME_K)))
         if share > 0:
-            sentences.append(
+            yield (
                 f'Thermometer {number} of {recording.name} goes from {column.min():.1f} to '
                 f'{column.max():.1f} °C; the model was learnt from {low:.1f} to {high:.1f} °C. '
                 f'For {rounded(100 * share, 2)} % of the time the correction is a guess.'
             )
-    sentences += start_doubts(stored.model, recording)
+    yield from start_doubts(stored.model, recording)
     heard = recording.measured
     if stored.model.prediction is not None:  # one that is silent is predicted by the others
         heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
-    sentences += silent_stretches([replace(recording, measured=heard)])
+    yield from silent_stretches([replace(recording, measured=heard)])
     for find in (replayed.thermometer_doubts, replayed.exchange_doubts):
-        sentences += [
-            f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
-            for doubt, share in find(stored.model, recording).items()
-        ]
-    return tuple(sentences)
+        for doubt, share in find(stored.model, recording).items():
+            yield f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'

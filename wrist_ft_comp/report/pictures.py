@@ -72,9 +72,7 @@ def _thermometers(panel: Axes, hours: FloatArray, values: FloatArray, part: IntA
         _line(panel, hours, column, part, color=colour, ls=style, lw=1.4, label=label)
 
 
-def svg_text(
-    figure: Figure, name: str, description: str, series: ErrorSeries | None = None
-) -> str:
+def svg_text(figure: Figure, name: str, words: str, series: ErrorSeries | None = None) -> str:
     """
     Turn a picture into SVG for a page, in which no other picture has its name.
 
@@ -95,7 +93,7 @@ def svg_text(
         r'<metadata>.*?</metadata>|<!--.*?-->\s*', '', text[text.index('<svg') :], flags=re.DOTALL
     )
     text = re.sub(r'(\bid="|href="#|url\(#)', rf'\g<1>{name}-', text)
-    more = f'role="img" aria-label="{escape(description)}"'
+    more = f'role="img" aria-label="{escape(words)}"'
     if series is not None:
         panel, points = figure.axes[0], 72.0  # of an inch in SVG
         box, (begin_h, end_h) = panel.get_position(), panel.get_xlim()
@@ -157,9 +155,7 @@ def days_figure(sentence: str, dates: Sequence[str], drift: FloatArray) -> Figur
     highest = np.nanmax(drift, axis=1, initial=0.0)
     # A few wild days must not flatten the others.
     panel.set_ylim(0, min(2 * np.quantile(highest, 0.9), 1.1 * highest.max()) or 1.0)
-    panel.legend(
-        loc='lower left', bbox_to_anchor=(0, 1), ncols=2, frameon=False, borderaxespad=0.1
-    )
+    panel.legend(loc='lower left', bbox_to_anchor=(0, 1), ncols=2, frameon=False, borderaxespad=0)
     return figure
 
 
