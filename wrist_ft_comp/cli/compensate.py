@@ -38,9 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('recording', type=Path, metavar='REC', help=options.RECORDING_HELP)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='OUT')
     parser.add_argument(
-        '--tare', type=float, default=0.0, metavar='SECONDS',
-        help='tare on the first SECONDS, which must be unloaded (default: 0, no '
-        'tare)')  # fmt: skip
+        '--tare', type=float, default=0.0, metavar='SECONDS', help='tare on the first SECONDS, '
+        'which must be unloaded (default: 0, no tare)')  # fmt: skip
     options.add_json(parser)
     options.add_topics(parser).add_argument(
         '--output-topic', type=options.topic, default='/wrench', metavar='TOPIC',

@@ -124,21 +124,19 @@ def play(folder: Path) -> None:
                     watch.ask('calibrate')
 
 
-def listen(
-    watch: 'Watch', length_s: float, programs: Mapping[str, _Process], progress: Progress
-) -> None:
+def listen(watch: 'Watch', day_s: float, nodes: dict[str, _Process], progress: Progress) -> None:
     """Wait until the node has recorded a day, as long as both programs are alive."""
 
     def ended() -> list[str]:
-        return [name for name, program in programs.items() if program.poll() is not None]
+        return [name for name, node in nodes.items() if node.poll() is not None]
 
     def is_over() -> bool:
         status = watch.statuses.get('calibration')
         recorded_s = float(status.values.get('recording_s', 0.0)) if status else 0.0
-        progress(min(recorded_s / length_s, 1.0))
-        return recorded_s >= length_s
+        progress(min(recorded_s / day_s, 1.0))
+        return recorded_s >= day_s
 
-    patience_s = _PATIENCE * length_s / _SPEED
+    patience_s = _PATIENCE * day_s / _SPEED
     watch.operator.wait_for(lambda: is_over() or ended(), patience_s)
     if not is_over():
         why = f'node did not record a day within {patience_s:.0f} s'

@@ -28,9 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, 'what the model was learnt with, if the recording holds it, or unloaded'
     )
     parser.add_argument(
-        '--tare', type=float, default=60.0, metavar='SECONDS',
-        help='tare on the first SECONDS, above 0; at least on the first thermal cell (default: '
-        '60)')  # fmt: skip
+        '--tare', type=float, default=60.0, metavar='SECONDS', help='tare on the first SECONDS, '
+        'above 0; at least on the first thermal cell (default: 60)')  # fmt: skip
     options.add_topics(parser)
     options.add_part_and_report(parser)
 
@@ -76,7 +75,7 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         warnings += tuple(evaluation.without_steps(compared, true)[1])
         errors = evaluation.tared_errors(stored.model, compared, true, tare_s)
         # Of a recording that fits the model.
-        warnings += evaluation.range_warnings(stored, recording)
+        warnings += tuple(evaluation.range_warnings(stored, recording))
         recording = replace(recording, warnings=warnings)
         judged.append(report_content.EvaluatedRecording(recording, reference, errors))
     content = report_content.evaluation_content(stored, judged, tare_s, paths, topics)

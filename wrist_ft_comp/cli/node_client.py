@@ -90,9 +90,7 @@ class Operator:
             ready = self.wait_for(client.service_is_ready, _AGAIN_S)
             if ready and self.wait_for(client.call_async(harmless).done, _AGAIN_S):
                 return
-        raise NodeError(
-            f'{name} does not answer within {DISCOVERY_S:.0f} s; it hangs or has ended.'
-        )
+        raise NodeError(f'{name} gave no answer in {DISCOVERY_S:.0f} s; it hangs or has ended.')
 
 
 @contextmanager

@@ -120,12 +120,11 @@ def _describe_bag(bag: Bag, topics: Topics, progress: Progress) -> Description:
 
     temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
     wrench = topics.wrench.strip('/')
-    both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
     roles = {
         (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
         topics.reference.strip('/'): REFERENCE,
         **dict.fromkeys(temperatures, TEMPERATURE),
-        wrench: both,
+        wrench: f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH,
     }
     counts: Counter[tuple[str, str]] = Counter()
     for connection in bag.connections:
@@ -157,9 +156,8 @@ def _describe_table(opened: read.OpenTable, progress: Progress) -> Description:
         opened = read.OpenTable(opened.tables, parse_options(topics))
     recording, refusal = None, opened.compensated
     try:
-        recording = read.read_opened(
-            opened, read.fitting_period_s([opened.slowness_s]), progress=progress
-        )
+        period_s = read.fitting_period_s([opened.slowness_s])
+        recording = read.read_opened(opened, period_s, progress=progress)
     except RecordingError as error:
         if not opened.is_read:
             raise

@@ -196,9 +196,8 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
     if not candidates:
         return
     yield '\nWhat could be used, with the values of temperatures as they are read:'
-    yield table(
-        ['as', 'values', 'topic'], [[c.role, _range(c.reads), c.entry] for c in candidates]
-    )
+    rows = [[c.role, _range(c.reads), c.entry] for c in candidates]
+    yield table(['as', 'values', 'topic'], rows)
     yield ''
     alike: dict[tuple[str, str], str] = {}  # one sentence for all numbers of a topic
     for entry, reads in ((c.entry, c.reads) for c in candidates if c.reads):

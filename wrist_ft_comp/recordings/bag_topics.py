@@ -111,8 +111,7 @@ def survey_bag(
             tally.low = np.fmin(tally.low, np.fmin.reduce(values))
             tally.high = np.fmax(tally.high, np.fmax.reduce(values))
     found = [candidate for tally in tallies.values() for candidate in tally.candidates()]
-    order = list(_ROLES.values())
-    found.sort(key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))
+    found.sort(key=lambda c: ([*_ROLES.values()].index(c.role), c.entry.partition(':')[0]))
     return tuple(found), tuple(warnings)
 
 
@@ -125,20 +124,18 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     a motor, with most words of the wrench's topic, or with the name of something at the tool; the
     same holds for IMUs. Of an array, the highest number. Without a raw wrench, its topic is empty.
     """
-    wrenches = [c for c in candidates if c.role == RAW_WRENCH]
+    raw = [c for c in candidates if c.role == RAW_WRENCH]
     # /wrench is what compensate adds.
-    wrenches.sort(
-        key=lambda c: (c.entry == '/wrench' or bool(TREATED.search(c.entry)), -c.samples)
-    )
-    wrenches.sort(key=lambda c: c.entry.strip('/') != topics.wrench.strip('/'))
-    wrench = wrenches[0].entry if wrenches else ''
+    raw.sort(key=lambda c: (c.entry == '/wrench' or bool(TREATED.search(c.entry)), -c.samples))
+    raw.sort(key=lambda c: c.entry.strip('/') != topics.wrench.strip('/'))
+    wrench = raw[0].entry if raw else ''
 
     def names(entry: str) -> set[str]:
         """Split a topic into the names between its slashes, and these into words."""
         return {*entry.lower().split('/'), *re.findall(r'[a-z]+', entry.lower())}
 
     ours = names(wrench)
-    theirs = {name for other in wrenches[1:] for name in names(other.entry)}
+    theirs = {name for other in raw[1:] for name in names(other.entry)}
 
     def distance(candidate: Candidate) -> tuple[bool, int, bool, list[int]]:
         numbers = [-int(n) for n in re.findall(r'\d+', candidate.entry.partition(':')[2])]

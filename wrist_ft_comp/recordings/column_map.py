@@ -193,8 +193,7 @@ def place_columns(columns: Sequence[Column], time: str, table: str, header: Head
         unit = time if channel == STAMP and time else column.unit
         if not unit and column.factor is None and channel not in {STAMP_NANOSEC, STAMP_DATE}:
             beside = header.units.get(place, '')
-            title = name if place == ROW else header.title(place)
-            unit = units.known_unit(channel, title, beside)
+            unit = units.known_unit(channel, name if place == ROW else header.title(place), beside)
             word = next(iter(units.said_units(name, beside)[-1:]), '')
             # What stands beside times is often a zone, or their form.
             if word and not unit and channel != STAMP:

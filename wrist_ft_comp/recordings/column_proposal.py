@@ -54,9 +54,7 @@ _TIME_WORD = re.compile(
 _ELAPSED = {'elapsed', 'relative', 'duration', 'laufzeit'}
 _SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
 #: Words of thermometers beside those of any language that begin with "temp".
-_TEMPERATURE_WORDS = {
-    't', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度', '온도', 'температура',
-}  # fmt: skip
+_HEAT_WORDS = {'t', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度', '온도', 'температура'}
 #: Words of the true wrench; of what is asked for, allowed, or made of readings; of what is no raw
 #: wrench; of what was read; and of any force.
 _TRUE = {'reference', 'ref', 'truth', 'true'}
@@ -78,9 +76,7 @@ _FORCE_WORD = re.compile(
     'fuerza|peso|carga|forza|сила|вес|힘|力|荷重|重'
 )
 #: Six numbers are a wrench by their names, unless they are of joints or motors.
-_WRENCH = re.compile(
-    '(?!.*(joint|motor|current|target|tau)).*(wrench|force|torque|(^|_)(ft|f)(_|$))'
-)
+_WRENCH = re.compile('(?!.*(joint|motor|current|target|tau)).*(wrench|force|torque|(^|_)ft?(_|$))')
 #: Names of temperatures of what heats the sensor, or of its surroundings.
 FAR = re.compile(r'motor|drive(?!r)|joint|cabinet|ambient|room|cpu|battery', re.IGNORECASE)
 #: What has a temperature and is no metal near a sensor.
@@ -127,9 +123,7 @@ class Proposal(NamedTuple):
                 entries.append(f'{channel}={OPEN}')
         return cls(','.join(entries), times.pop() if len(times) == 1 else '')
 
-    def refusal(
-        self, table: str, names: Sequence[str], lacking: Sequence[str], how: str = ''
-    ) -> str:
+    def refusal(self, table: str, names: list[str], lacking: list[str], how: str = '') -> str:
         """Say which KINDS of columns a table lacks, and how to say what they are."""
         expected = ' and '.join(_EXPECTED[kind] for kind in lacking)
         form = f' --time {shlex.quote(self.time)}' if self.time not in {'', 's'} else ''
@@ -284,7 +278,7 @@ class _Looks:
         """Find :UNIT, or a factor, by which it reads like a thermometer; None if it is none."""
         unit, steps = self.unit_of('temperature_c'), np.abs(np.diff(self.numbers))
         is_named = may_be_temperature((self.plain,)) or (
-            not _TEMPERATURE_WORDS.isdisjoint(self.words)
+            not _HEAT_WORDS.isdisjoint(self.words)
             and not any(map(_AXIS.fullmatch, self.words))
             and (len(steps) < 8 or bool(np.median(steps) < _SMOOTH * np.ptp(self.numbers)))
         )

@@ -64,8 +64,7 @@ def check_copy(
             copy = Output(name='copy of a bag (a folder)', endings='nothing')
             if opened.bag.named(output_topic):
                 raise OutputError(
-                    f'{opened.name} holds {output_topic} already; name another topic for the '
-                    'output.'
+                    f'{opened.name} holds {output_topic} already; name another output topic.'
                 )
     copy.check_target(target, [source, *others])
     return copy

@@ -45,9 +45,7 @@ def kind_of(path: Path) -> str:
     if len(files_of(path)) > 1:
         return TABLE
     if not path.exists():
-        raise RecordingError(
-            f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file.'
-        )
+        raise RecordingError(f'{path} does not exist; expected a bag, an .mcap, .db3 or CSV file.')
     if not path.is_file() and not path.is_dir():
         raise RecordingError(
             f'{path} is no file and no folder, and may never end. Write what it gives into a file.'
@@ -100,8 +98,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
         chosen = files[0]
     if chosen.is_file() and not chosen.stat().st_size:
         raise RecordingError(f'{chosen} is empty (0 bytes); nothing was recorded. Record again.')
-    journals = chosen.glob('*.db3-wal') if chosen.is_dir() else [Path(f'{chosen}-wal')]
-    for journal in journals:
+    for journal in chosen.glob('*.db3-wal') if chosen.is_dir() else [Path(f'{chosen}-wal')]:
         if journal.exists() and journal.stat().st_size:
             database = str(journal).removesuffix('-wal')
             raise RecordingError(

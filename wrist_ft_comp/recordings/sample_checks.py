@@ -120,15 +120,13 @@ class _Group:
             ran_back = 'have no stamp, or one that ran back'
             reasons = (self.strange, f'are {why_strange}'), (self.out_of_order, ran_back)
             counts = (f'{n} of {self.samples} samples {reason}' for n, reason in reasons if n)
-            sentence = f'{title}: {" and ".join(counts)}; '
+            why = f'{title}: {" and ".join(counts)}; '
             if dropped > max_bad_share * self.samples:
                 remedy = 'Record again, or remove those samples.'
                 if of_temperature and not math.isnan(self.first_strange):
                     remedy = UNIT_REMEDY
-                raise RecordingError(
-                    f'{sentence}at most {max_bad_share:.1%} may be unusable. {remedy}'
-                )
-            yield f'{sentence}they were dropped.'
+                raise RecordingError(f'{why}at most {max_bad_share:.1%} may be unusable. {remedy}')
+            yield f'{why}they were dropped.'
         if self.spikes.first:
             stamp_ns, reading_c = self.spikes.first
             yield (

@@ -90,9 +90,7 @@ class Table:
         lines: list[str] = []
         for _, text in self._texts():
             if '\0' in text and text.endswith('\n'):
-                raise RecordingError(
-                    f'{self.name} is no text; expected a bag, or a table saved as CSV.'
-                )
+                raise RecordingError(f'{self.name} is no text; expected a bag, or a table as CSV.')
             lines += text.removesuffix('\n').split('\n')
             if len(lines) >= table_format.FIRST_LINES:
                 break
@@ -367,8 +365,7 @@ class _RowConverter:
         if form.startswith(('%H', '%I')):
             day, time_ns = divmod(self._last_ns, DAY_NS)
             stamps_ns = stamps_ns % DAY_NS
-            before_ns = time_ns if self._count else stamps_ns[0]
-            steps_ns = np.diff(stamps_ns, prepend=before_ns)
+            steps_ns = np.diff(stamps_ns, prepend=time_ns if self._count else stamps_ns[0])
             # Midnight passed; or a row is late, and of the day before.
             days = (steps_ns < -DAY_NS // 2) * 1 - (steps_ns > DAY_NS - _LATEST_NS)
             stamps_ns = stamps_ns + (day + np.cumsum(days)) * DAY_NS

@@ -58,9 +58,7 @@ class _Entry(ForceFrame):
         return Payload(self.mass_kg, center_m, error_kg, errors_m, self.share)
 
     def frame(self) -> ForceFrame:
-        return ForceFrame(
-            **{entry.name: getattr(self, entry.name) for entry in fields(ForceFrame)}
-        )
+        return ForceFrame(**{part.name: getattr(self, part.name) for part in fields(ForceFrame)})
 
 
 @dataclass(frozen=True)

@@ -315,8 +315,7 @@ class Kind(Output):
             why = f'is not a {self.name}: expected {language}, but {error}'
             raise self._refusal(path, why) from error
         if not isinstance(document, dict) or document.get('format') != self.says:
-            why = f'is not a {self.name}: expected "format: {self.says}" in it'
-            raise self._refusal(path, why)
+            raise self._refusal(path, f'is not a {self.name}: expected "format: {self.says}"')
         version = document.get('version')
         if version != self.version:
             other = 'an older' if version in range(1, self.version) else 'another'

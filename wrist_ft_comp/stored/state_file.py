@@ -121,8 +121,6 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     return bool(np.isfinite(drift).all())
 
 
-def _shapes(
-    filters: DriftState, thermometers: ThermometerState | None
-) -> dict[str, tuple[int, ...]]:
-    parts = {**filters, **(vars(thermometers) if thermometers else {})}
+def _shapes(filters: DriftState, failed: ThermometerState | None) -> dict[str, tuple[int, ...]]:
+    parts = {**filters, **(vars(failed) if failed else {})}
     return {name: np.shape(part) for name, part in parts.items()}
