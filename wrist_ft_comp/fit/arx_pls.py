@@ -102,16 +102,12 @@ def choose_orders(data: AxisData, block: XyBlock, latents: int) -> tuple[Orders,
 
 def _left(data: AxisData, i: int, fold: int, segments: Sequence[Segment], orders: Orders) -> float:
     """Fit H_r to what is not in a fold; mean square of what its free run leaves there."""
-    seen = [
-        (t, np.where(folds == fold, np.nan, u))
-        for (t, u), folds in zip(segments, data.folds, strict=True)
-    ]
+    pairs = zip(segments, data.folds, strict=True)
+    seen = [(t, np.where(folds == fold, np.nan, u)) for (t, u), folds in pairs]
     h, _ = stabilise(fit_one_step(seen, orders)[0])
     t, u = segments[i]
-    left, whole = (
-        float(np.mean(fold_means(data, i, fold, values)[1] ** 2))
-        for values in (u - free_run(h, t), u)
-    )
+    both = (fold_means(data, i, fold, values)[1] for values in (u - free_run(h, t), u))
+    left, whole = (float(np.mean(means**2)) for means in both)
     # What leaves less than rounding of u_r is equally good.
     return max(left, ROUNDING * whole)
 

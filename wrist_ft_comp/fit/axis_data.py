@@ -91,10 +91,8 @@ class AxisData:
 
     def without(self, fold: int) -> 'AxisData':
         """Hold a fold out: its samples become NaN, its temperatures stay for the dynamics."""
-        residual = tuple(
-            np.where(folds == fold, np.nan, values)
-            for folds, values in zip(self.folds, self.residual, strict=True)
-        )
+        pairs = zip(self.folds, self.residual, strict=True)
+        residual = tuple(np.where(folds == fold, np.nan, values) for folds, values in pairs)
         return replace(self, residual=residual)
 
 

@@ -61,10 +61,7 @@ def calibrate(
         )
     fits, model, said = _learn(work.drift if work else recordings, axes, folds, settings, progress)
     # Say what to doubt.
-    sensors = {
-        f'in recording {number}, {recording.name}': recording.sensor
-        for number, recording in enumerate(recordings, 1)
-    }
+    sensors = {f'in recording {n}, {one.name}': one.sensor for n, one in enumerate(recordings, 1)}
     warnings = [warning for recording in recordings for warning in recording.warnings]
     if apart := differences(sensors):
         warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
@@ -127,10 +124,7 @@ def _learn(
     if refusals and all(fit.model is None for fit in fits.values()):
         raise CalibrationRefusedError(f'{refusals[0]}.')
     predicted = predict_each_other(recordings, folds) if data.tared else None
-    stands = [
-        [stands_s(column, recording.period_s).max() for column in recording.temperature_c.T]
-        for recording in recordings
-    ]
+    stands = [[stands_s(c, r.period_s).max() for c in r.temperature_c.T] for r in recordings]
     model = DriftModel(
         period_ns=recordings[0].period_ns, thermometers=recordings[0].thermometers,
         axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},

@@ -22,14 +22,9 @@ _LIMIT_OF_SEVERAL = 6.0
 
 
 def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
-    data: AxisData,
-    model: AxisModel | None,
-    chosen: str,
-    left: HeldOut,
-    names: Sequence[str],
-    weights: FloatArray,
-    notes: tuple[str, ...] = (),
-) -> AxisFit:
+    data: AxisData, model: AxisModel | None, chosen: str, left: HeldOut, names: Sequence[str],
+    weights: FloatArray, notes: tuple[str, ...] = (),
+) -> AxisFit:  # fmt: skip
     """
     State what an average of candidates leaves: names and weights, (C,), the first no compensation.
 

@@ -65,19 +65,16 @@ def false_starts(recordings: Sequence[Recording]) -> dict[int, str]:
 
     Held out beside days, a false start of seconds would judge what the others say.
     """
-    lasted_s = [_wrenches_last_s(recording) for recording in recordings]
-    longest_s = max(lasted_s, default=0.0)
+    lasted_s = list[float]()
+    for recording in recordings:
+        read = np.flatnonzero(np.isfinite(recording.wrench).any(axis=1))
+        lasted_s.append(float(np.ptp(read) + 1) * recording.period_s if len(read) else 0.0)
     return {
         place: f'{recordings[place].name} was left out: its wrenches last {wrenches_s:.0f} s, and '
         f'drift can be learnt from {SHORTEST_SEGMENT_S:.0f} s or more. Record longer.'
         for place, wrenches_s in enumerate(lasted_s)
-        if wrenches_s < SHORTEST_SEGMENT_S <= longest_s
+        if wrenches_s < SHORTEST_SEGMENT_S <= max(lasted_s)
     }
-
-
-def _wrenches_last_s(recording: Recording) -> float:
-    read = np.flatnonzero(np.isfinite(recording.wrench).any(axis=1))
-    return float(read[-1] + 1 - read[0]) * recording.period_s if len(read) else 0.0
 
 
 def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recording, list[str]]:

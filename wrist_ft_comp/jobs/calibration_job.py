@@ -4,11 +4,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.errors import RecordingError, WristFtCompError
+from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.data_checks import check_recordings
 from wrist_ft_comp.fit.outliers_and_steps import false_starts
 from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.job_process import CalibrationJob
@@ -31,7 +30,7 @@ def run_job(
         part = part_of(progress, number, 2 * len(job.recordings))
         try:
             recording, sha256 = _read(job, path, paths, part)
-        except RecordingError as error:
+        except (CalibrationRefusedError, RecordingError) as error:
             none_is_left = number + 1 == len(job.recordings) and not recordings
             if not job.skip_unusable or none_is_left:
                 raise
@@ -68,11 +67,7 @@ def _read(
         )
     if job.settings.reference == 'payload' and recording.specific_force is None:
         raise RecordingError(f'{path.name} holds no specific force, which a payload needs.')
-    if job.settings.reference == 'recorded' and not np.isfinite(recording.reference).any():
-        raise RecordingError(
-            f'{path.name} holds no reference wrench. Record wrench_reference beside the raw '
-            'wrench, or declare the reference unloaded or constant.'
-        )
+    check_recordings([recording], job.settings.reference, 0.0)
     return recording, sha256
 
 

@@ -39,8 +39,7 @@ def answer(job: CalibrationJob) -> dict[str, Any]:
             lines.append(f'warning: {error}')
     return {
         'success': True, 'message': '\n'.join(lines), 'path': str(stored.path),
-        'sha256': stored.sha256, 'document': stored.document,
-    }  # fmt: skip
+        'sha256': stored.sha256, 'document': stored.document}  # fmt: skip
 
 
 def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:

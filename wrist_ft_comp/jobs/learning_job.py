@@ -10,12 +10,11 @@ from typing import Any
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import save
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
-from wrist_ft_comp.learning import model_choice as choices
 from wrist_ft_comp.learning.day_files import day_number, goes_on, LARGEST_BYTES, size_of
 from wrist_ft_comp.learning.diary import Diary, load_diary, save_diary
 from wrist_ft_comp.learning.incidents import Day, look_at
 from wrist_ft_comp.learning.learning_plan import MOST_DAYS, pause, prune
-from wrist_ft_comp.learning.model_choice import Champion
+from wrist_ft_comp.learning.model_choice import Champion, describe_day, drift_words, take
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.report.report_content import calibration_content, model_sources
@@ -49,10 +48,10 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
     judged = {day.name: day for day in known.days if day.name != newest}
     for name in sorted(set(names) - set(judged) - {newest}):
         before = [judged[other] for other in sorted(judged) if other < name]
-        entry = choices.describe_day(name, look, before, champion_of(name))
-        judged[name] = replace(entry, verdict=f'{choices.drift_words(entry)}{_LATE}')
+        entry = describe_day(name, look, before, champion_of(name))
+        judged[name] = replace(entry, verdict=f'{drift_words(entry)}{_LATE}')
     before = [judged[name] for name in sorted(judged)]
-    choice = choices.take(newest, look, before, champion_of(newest), names, since, job.settings)
+    choice = take(newest, look, before, champion_of(newest), names, since, job.settings)
     entry = choice.entry
     paused = pause([*before, entry], since)
 

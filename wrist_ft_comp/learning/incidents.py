@@ -83,16 +83,12 @@ def look_at(recording: Recording, before: Recording | None = None) -> Day:
     # Gravity has to move enough in the sensor's frame to tell weight from drift.
     moved = bodies.contrast[0] >= CONTRAST
     return Day(
-        recording=separation.recordings[0],
-        drift=separation.drift[0],
-        steps=separation.steps[0],
-        contact=float(np.mean(fit.weights[cells.usable] < COUNTS)),
+        recording=separation.recordings[0], drift=separation.drift[0], steps=separation.steps[0],
+        contact=float(np.mean(fit.weights[cells.usable] < COUNTS)), noise=fit.noise,
         unexplained=unexplained_contrast(cells, fit) if moved else 0.0,
-        noise=fit.noise,
         payloads=None if doubts else separation.payloads_of(bodies),
         doubt=doubts[-1] if doubts and bodies.contrast[1] >= CONTRAST else '',
-        before=before,
-    )
+        before=before)  # fmt: skip
 
 
 def describe(day: Day) -> DayEntry:
@@ -104,16 +100,13 @@ def describe(day: Day) -> DayEntry:
     coarse_c[:, 0] = recording.temperature_c[:, 0]
     known = np.floor(coarse_c / _COARSE_K).astype(int)
     return DayEntry(
-        name=recording.name,
-        first_ns=recording.first_cell * recording.period_ns,
-        hours=recording.duration_s / 3600,
+        name=recording.name, first_ns=recording.first_cell * recording.period_ns,
+        hours=recording.duration_s / 3600, left={NONE: left(no_drift(len(recording)), day)},
         temperature_c=tuple(zip(low.tolist(), high.tolist(), strict=True)),
         known=tuple(map(tuple, np.unique(known, axis=0).tolist())),
-        left={NONE: left(no_drift(len(recording)), day)},
         payloads=tuple((payload.mass_kg, *payload.center_m.tolist()) for payload in payloads),
         rotation=tuple(learnt.frame.rotation.ravel().tolist()) if learnt else (),
-        noise=tuple(day.noise.tolist()),
-    )
+        noise=tuple(day.noise.tolist()))  # fmt: skip
 
 
 def left(simulated: Drift, day: Day) -> tuple[float, ...]:
@@ -149,8 +142,7 @@ def incident(
     past = np.array([
         other.noise for other in before
         if other.noise and other.kind in LEARNT_FROM
-        and (not today or _share_one(today, _gains(other)))
-    ])  # fmt: skip
+        and (not today or _share_one(today, _gains(other)))])  # fmt: skip
     if len(past) < DAYS_TO_AGREE:
         return '', ''
     ratios = np.array(entry.noise) / np.median(past, axis=0)

@@ -57,43 +57,36 @@ class Choice:
     days: tuple[str, ...] = ()
 
 
-def describe_day(
-    name: str, look: Look, before: Sequence[DayEntry], champion: Champion
-) -> DayEntry:
+def describe_day(name: str, look: Look, before: Sequence[DayEntry], live: Champion) -> DayEntry:
     """Make a day's entry: what it saw, its incident, and what the live model left."""
     drift: FloatArray | float = 0.0
     distrusted: list[str] = []
     try:
         day = look(name)
-        entry = replace(describe(day), name=name, live=champion.key)
+        entry = replace(describe(day), name=name, live=live.key)
         if not day.drift.axes_present:
             sentence = 'No cell of the day was free of contact: its drift is unknown.'
             return replace(entry, kind='contacts', incident=sentence)
         drop_stuck_cells([day.drift], day.drift.axes_present)  # refuses a reading that froze
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
-            if champion.model is not None:
-                simulated = streamed_drift(champion.model, day.drift, day.before)
+            if live.model is not None:
+                simulated = streamed_drift(live.model, day.drift, day.before)
                 drift = simulated.zero
-                distrusted = list(thermometer_doubts(champion.model, day.drift))
-                entry = replace(entry, left={**entry.left, champion.key: left(simulated, day)})
+                distrusted = list(thermometer_doubts(live.model, day.drift))
+                entry = replace(entry, left={**entry.left, live.key: left(simulated, day)})
         kind, sentence = incident(day, entry, before, drift)
         if distrusted and not kind:
             kind, sentence = 'thermometer', f'On this day {"; ".join(distrusted)}.'
     except _UNREADABLE as error:
         sentence = f'This day cannot be judged: {error}'
-        return DayEntry(name, live=champion.key, kind='unreadable', incident=sentence)
+        return DayEntry(name, live=live.key, kind='unreadable', incident=sentence)
     return replace(entry, kind=kind, incident=sentence)
 
 
 def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
-    name: str,
-    look: Look,
-    before: Sequence[DayEntry],
-    champion: Champion,
-    kept: Sequence[str],
-    since: str = '',
-    settings: CalibrationSettings | None = None,
-) -> Choice:
+    name: str, look: Look, before: Sequence[DayEntry], champion: Champion, kept: Sequence[str],
+    since: str = '', settings: CalibrationSettings | None = None,
+) -> Choice:  # fmt: skip
     """
     Judge the newest day, ``name``, and learn a model from all good days where that is due.
 
