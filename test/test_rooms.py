@@ -18,7 +18,7 @@ MATHEMATICS = {'drift', 'stream', 'payload', 'fit', 'simulation'}
 #: What opens files.
 OF_FILES = {'stored', 'recordings', 'learning.day_files', 'jobs.learning_job'}
 #: What knows ROS, and what reads bags by a system ROS.
-OF_ROS = {'ros', 'node', 'cli.node_client', 'recordings.rosbag2_backend'}
+OF_ROS = {'ros', 'node', 'cli.service_calls', 'recordings.rosbag2_backend'}
 FILE_CALLS = {
     'open', 'read_text', 'write_text', 'read_bytes', 'write_bytes', 'loadtxt', 'genfromtxt',
     'savetxt', 'savez', 'memmap', 'tofile', 'fromfile', 'savefig',

@@ -20,7 +20,7 @@ from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stored.node_folder import NodeFolder
 
 if TYPE_CHECKING:
-    from wrist_ft_comp.cli.node_client import Watch
+    from wrist_ft_comp.cli.service_calls import Watch
 
 _Process = subprocess.Popen[bytes]
 #: A program that was asked to end is killed after this time, s.
@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
 def play(folder: Path) -> None:
     """Let the node record, calibrate and record again."""
     os.environ.update(own_domain())
-    from wrist_ft_comp.cli.node_client import operating, Watch  # noqa: PLC0415 -- ROS
+    from wrist_ft_comp.cli.service_calls import operating, Watch  # noqa: PLC0415 -- ROS
 
     node: dict[str, object] = {
         'data_directory': as_yaml(folder), 'temperature_topics': '[temperature, temperature_2]',

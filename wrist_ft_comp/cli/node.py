@@ -17,7 +17,7 @@ from wrist_ft_comp.cli import options, terminal
 from wrist_ft_comp.errors import NodeError
 
 if TYPE_CHECKING:
-    from wrist_ft_comp.cli.node_client import Watch
+    from wrist_ft_comp.cli.service_calls import Watch
 
 HELP = 'operate a running compensator: record, calibrate, tare, look at its status'
 DESCRIPTION = """\
@@ -47,14 +47,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.require_ros(NodeError, 'A running node is reached by rclpy')
-    from wrist_ft_comp.cli import node_client  # noqa: PLC0415 -- loads rclpy
+    from wrist_ft_comp.cli import service_calls  # noqa: PLC0415 -- loads rclpy
 
     action = arguments.action
-    with node_client.operating() as operator:
+    with service_calls.operating() as operator:
         name = operator.find(arguments.name)
-        watch = node_client.Watch(operator, name)
+        watch = service_calls.Watch(operator, name)
         if action == 'status':
-            silence_s = node_client.SILENCE_S
+            silence_s = service_calls.SILENCE_S
             if not operator.wait_for(lambda: watch.reports, silence_s):
                 raise NodeError(f'{name} has published no diagnostics for {silence_s:.0f} s.')
             return _show(watch, arguments)

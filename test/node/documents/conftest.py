@@ -170,5 +170,5 @@ def play(bench, terminal, monkeypatch):
     """Give what runs a document; programs that go on end with the test."""
     monkeypatch.setenv('ROS_HOME', str(terminal.folder / 'ros_home'))
     # A node at hundreds of times real time answers late where other programs run, too.
-    monkeypatch.setattr('wrist_ft_comp.cli.node_client.DISCOVERY_S', TIMEOUT_S / 4)
+    monkeypatch.setattr('wrist_ft_comp.cli.service_calls.DISCOVERY_S', TIMEOUT_S / 4)
     return Player(bench, terminal).play

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from wrist_ft_comp.cli import node as command
-from wrist_ft_comp.cli import node_client as operator
+from wrist_ft_comp.cli import service_calls as operator
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.cli.terminal import coloured
 from wrist_ft_comp.errors import NodeError
