@@ -220,15 +220,18 @@ def test_channels_that_take_turns_in_a_long_log_are_found(names, run, tmp_path):
     assert "pivot_table('value', 'time', 'name'" in said
 
 
-@pytest.mark.parametrize(('most', 'period_s'), [(1e6, 1), (ROWS * 6, 10), (ROWS / 6, 60)])
-def test_cells_of_a_slow_log_last_a_second_or_as_long_as_it_takes_to_fit(
-    most, period_s, done, tmp_path, monkeypatch
+@pytest.mark.parametrize(
+    ('most', 'method', 'period_s'),
+    [(1e6, 'auto', 1), (ROWS * 6, 'auto', 10), (ROWS / 6, 'auto', 60), (1e6, 'pls', 60)],
+)
+def test_cells_of_a_slow_log_last_a_second_or_as_long_as_it_takes_to_fit(  # noqa: PLR0913, PLR0917
+    most, method, period_s, done, tmp_path, monkeypatch
 ):
     monkeypatch.setattr('wrist_ft_comp.recordings.read._MOST_SLOW_CELLS', most)
     path = write(tmp_path / 'log.csv', 't (min),fz (N),temp (C)', (T, FORCE, CELSIUS))
     assert '--thermal-period' not in done('show', path)
     model, columns = tmp_path / 'model.yaml', ['--columns', proposed(done('show', path))[0]]
-    done('calibrate', path, '-o', model, '--method', 'pls', *columns)
+    done('calibrate', path, '-o', model, '--method', method, *columns)
     assert f'thermal period {period_s} s' in done('show', model)
     done('evaluate', model, path, *columns)
 

@@ -152,6 +152,11 @@ def test_a_table_is_the_same_whatever_it_is_written_with(make_csv, sign, form, e
     assert samples['temperature_c'][1] == [row[2] for row in ROWS]
 
 
+def test_whole_numbers_may_have_empty_cells_behind_them(make_csv):
+    rows = ''.join(f'{k},{k},20,,\n' for k in range(30))
+    assert len(read_recording(make_csv(f'stamp_s,force_z,temperature_c\n{rows}'))) == 30
+
+
 def test_channels_that_pandas_concat_puts_below_others_are_read(make_csv):
     parts = [pandas.DataFrame({'t': range(40), name: 20.5}) for name in ('Fz', 'T')]
     samples, _ = all_samples(make_csv(pandas.concat(parts).to_csv()), SAID)

@@ -37,7 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '%(default)s)', default='powers')  # fmt: skip
     parser.add_argument(
         '--thermal-period', type=float, metavar='SECONDS',
-        help='length of a thermal cell (default: 1, more for slow logs of days)')  # fmt: skip
+        help='length of a thermal cell (default: 1; of slow logs more, where they last days, with '
+        'a payload, or with another method than auto)')  # fmt: skip
     options.add_topics(parser)
     options.add_part_and_report(parser)
 
@@ -56,11 +57,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.output, *others])
     identification = settings.IdentificationSettings(arguments.method, features=arguments.features)
+    # A payload is found where most cells hold a reading, and other methods are slow.
+    filled = arguments.reference == 'payload' or arguments.method != 'auto'
     job = CalibrationJob(
         tuple(arguments.recordings), arguments.output,
         settings.CalibrationSettings(
             arguments.reference or 'unloaded', identification=identification),
-        arguments.thermal_period or period_of(arguments.recordings, topics),
+        arguments.thermal_period or period_of(arguments.recordings, topics, filled=filled),
         topics, report=arguments.report)  # fmt: skip
     with progress_bar('calibrating') as progress:
         calibration, content = run_job(job, progress)

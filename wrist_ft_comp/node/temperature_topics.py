@@ -19,6 +19,7 @@ from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.drift_warnings import frozen_doubts, gap_doubts, seldom_doubts
+from wrist_ft_comp.stream.temperature_gaps import OUTAGE_S
 from wrist_ft_comp.units import other_unit, UNIT_REMEDY
 from wrist_ft_comp.wire import numbers_in_messages as in_messages
 from wrist_ft_comp.wire.cdr import DOUBLES, RecentFrames, TEMPERATURE
@@ -304,15 +305,15 @@ class TemperatureInput(Part):
         for j, thermometer in enumerate(self.thermometers):
             heard_s = thermometer.heard_s
             spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS
-            is_silent = heard_s is None or time.monotonic() - heard_s > max(limit_s, 2 * spacing_s)
+            silent_s = time.monotonic() - (-math.inf if heard_s is None else heard_s)
             effect = 'it is predicted' if j in self._tracker.replaced else drift
-            if problems[j] and is_silent:
+            if problems[j] and silent_s > max(OUTAGE_S, 2 * spacing_s):
                 yield f'thermometer {j + 1}: {problems[j]}; {effect}'
             elif heard_s is None:
                 wanted = '' if thermometer.source.path else TEMPERATURE
                 why = ros_topics.why_silent(self.hub, thermometer.source.topic, wanted)
                 yield f'thermometer {j + 1} has not reported: {why}; {effect}'
-            elif is_silent and j not in self._tracker.replaced:
+            elif silent_s > max(limit_s, 2 * spacing_s) and j not in self._tracker.replaced:
                 silent.append(j)
         if silent:
             yield (

@@ -143,9 +143,15 @@ class WeightCheck:
         best = max(np.abs(distances / radius_n - 1) < _THICK, key=np.mean)
         if best.mean() < _ON_SPHERE:
             return False
-        # One circle, as of the friction of a sander, lies on spheres of every radius.
-        depth_n = np.linalg.svd(points[best] - points[best].mean(axis=0))[1][-1]
-        return bool(depth_n >= _MOVED_N)
+        # One circle, as of the friction of a sander, lies on spheres of every larger radius; a
+        # turn about a level axis is one of the radius itself.
+        apart = points[best] - points[best].mean(axis=0)
+        _, spread, directions = np.linalg.svd(apart)
+        flat = apart @ directions[:2].T
+        rows = np.column_stack((2 * flat, np.ones(len(flat))))
+        *center, rest = np.linalg.lstsq(rows, np.sum(flat**2, axis=1), rcond=None)[0]
+        circle_n = np.sqrt(max(rest + np.sum(np.square(center)), 0.0))
+        return bool(spread[-1] >= _MOVED_N or abs(circle_n / radius_n - 1) < _THICK)
 
     def _is_against(self) -> bool | None:
         """
@@ -308,7 +314,7 @@ class HiddenWeight:
     def look(self, now_s: float, tared_s: float, rest_n: FloatArray, weight_n: FloatArray) -> bool:
         """Take the force without the weight, and the weight, (3,); True where it is hidden."""
         off_n, size_n = float(np.linalg.norm(rest_n)), float(np.linalg.norm(weight_n))
-        if off_n < max(_NEAR_N, size_n / 10):  # not by half: a pull may be as large
+        if off_n < max(_NEAR_N, size_n / 5):  # not by half: a pull may be as large
             self._hidden_s, self._shown_s = math.inf, now_s
         elif tared_s > self._hidden_s:
             self._hidden_s = math.inf

@@ -416,7 +416,10 @@ def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
     def rank(looks: _Looks) -> tuple[int, ...]:
         is_treated, words = TREATED.search(looks.plain) is not None, looks.words
         has_unit = bool(looks.unit_of('force_x') or looks.unit_of('torque_x'))
-        return is_treated, not has_unit, 'raw' not in words, _READING.isdisjoint(words), len(words)
+        # fz_N before fz_raw, its counts; not tcp_fz_N, which is of another frame.
+        own = {*words} - {unit.lower() for unit in units.UNIT_WORDS}
+        of_raw = has_unit and any(own <= {*k.words} for k in free if 'raw' in k.words)
+        return is_treated, not of_raw, 'raw' not in words, _READING.isdisjoint(words), len(words)
 
     cold = sorted((k for k in free if k not in hot and not k.is_no_reading), key=rank)
     for looks in cold:

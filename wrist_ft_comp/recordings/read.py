@@ -326,24 +326,24 @@ def _doubt_celsius(source: OpenBag | OpenTable, recording: Recording) -> Iterato
             )
 
 
-def period_of(paths: Iterable[Path], topics: Topics) -> float:
-    """Find how long thermal cells of recordings have to be, s."""
+def period_of(paths: Iterable[Path], topics: Topics, *, filled: bool = False) -> float:
+    """Find how long thermal cells of recordings have to be, s; so that all are filled, if so."""
     slowness_s = []
     for path in paths:
         if kind_of(path) == TABLE:
             with open_recording(path, topics) as source:
                 slowness_s += [source.slowness_s] if isinstance(source, OpenTable) else []
-    return fitting_period_s(slowness_s)
+    return fitting_period_s(slowness_s, filled=filled)
 
 
-def fitting_period_s(slowness_s: Sequence[tuple[float, float]]) -> float:
+def fitting_period_s(slowness_s: Sequence[tuple[float, float]], *, filled: bool = False) -> float:
     """
     Choose the length of thermal cells, s: 1, or more, so that slow logs fit into memory.
 
-    Never longer than their samples are apart: what runs live is one cell behind.
+    As long as their samples are apart at most: what runs live is one cell behind.
     """
     spacings_s, lengths_s = np.reshape([(1.0, 0.0), *slowness_s], (-1, 2)).T
-    fitting_s = math.ceil(lengths_s.sum() / _MOST_SLOW_CELLS)
+    fitting_s = math.inf if filled else math.ceil(lengths_s.sum() / _MOST_SLOW_CELLS)
     return float(np.clip(fitting_s, 1, min(round(spacings_s.max()), PERIODS_S[1])))
 
 

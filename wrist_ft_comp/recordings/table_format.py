@@ -192,7 +192,8 @@ def find_header(as_written: Sequence[str], columns_before: int, table: str) -> H
     names = next(filter(_is_of_names, above), above[-1] if above else [])
     widest = max(map(len, rows[:first]), default=width)
     has_points = any('.' in cell for row in last for cell in row if NUMBER.fullmatch(cell))
-    if names and delimiter == ',' and widest < width - 1 and not has_points:
+    filled = max((k + 1 for k, cells in enumerate(columns) if any(cells)), default=0)
+    if names and delimiter == ',' and widest < filled - 1 and not has_points:
         raise RecordingError(
             f'Rows of {table} have {width} cells below {widest} names, and no decimal points. If '
             'its decimal signs are commas, save it with points, or with semicolons between '

@@ -140,7 +140,9 @@ def advise(case: Case) -> tuple[str, ...]:
         none_is_good = poor and {*case.levels.values()} <= {'weak', 'harmful', 'uncalibrated'}
         doubted = any(_EXCHANGED in warning for warning in case.warnings)
         if poor and any(_WARM in warning for warning in case.warnings):
-            steps.append('A recording begins on a warm robot. Judge the model on one from cold.')
+            steps.append(
+                'A recording begins on a warm robot, unless it had rested. Judge one from cold.'
+            )
         if doubted or (none_is_good and len(case.learnt_c) > 1 and not steps):
             steps.append(
                 'Are the thermometers in the order of the model? Where two are exchanged, every '

@@ -164,16 +164,17 @@ class Compensator:
         elif not had_drift:
             self._settle(target, None)
         self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
-        # The ramp lasts a cell, or, where all report seldom, until the first does so again.
-        grid = self.tracker.grid
+        # The ramp lasts a cell, or, of those that report seldom, until the first does so again.
+        grid, spacings = self.tracker.grid, list[int]()
         moved = np.abs(target.zero - self._begun.zero)
         for j in range(self.thermometers):
             if any(cell.measured[j] for cell in cells):
                 self.moves[j] = moved
+                spacings.append(grid.spacing(j))
                 if self._tared_ns > self._reported_ns.get(j, math.inf):
                     self.doubt_zero(*drift_warnings.moved_doubts(self.tracker, moved))
                 self._reported_ns[j] = self.tracker.end_ns
-        self._ramp_ns = grid.period_ns * min(map(grid.spacing, range(self.thermometers)))
+        self._ramp_ns = grid.period_ns * min(spacings, default=1)
         ramp_s = self._ramp_ns / NANOSECONDS
         self.compensation = self.limits.rate_limit(target, self._begun, ramp_s)
         self._refresh_correction()

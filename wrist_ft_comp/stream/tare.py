@@ -139,9 +139,11 @@ def tare_at_start(
 
 def usual_silences_ns(tracker: DriftTracker) -> list[int]:
     """Give how long a living thermometer may be silent, ns, for each."""
-    grid, count = tracker.grid, len(tracker.spikes)
-    least_ns = round(max(_LATE_TEMPERATURE_S, tracker.patience_s) * NANOSECONDS)
-    return [max(least_ns, 2 * grid.period_ns * grid.spacing(j)) for j in range(count)]
+    grid, least_ns = tracker.grid, round(_LATE_TEMPERATURE_S * NANOSECONDS)
+    # Of one that has reported few times only temperature_timeout is known.
+    unknown = max(round(tracker.patience_s * NANOSECONDS / 2) // grid.period_ns, 1)
+    spacings = (grid.spacing(j, unknown) for j in range(len(tracker.spikes)))
+    return [max(least_ns, 2 * grid.period_ns * spacing) for spacing in spacings]
 
 
 def tare_doubts(tracker: DriftTracker, *, has_drift: bool) -> Iterator[str]:

@@ -54,6 +54,8 @@ class ThermalGrid:
         self.rejected = 0
         self._thermometers = thermometers
         self._patience = outage_cells(period_ns, min(patience_s, _LONGEST_WAIT_S))
+        #: All were out when none reported for longer: all may report seldom.
+        self._outage = outage_cells(period_ns, patience_s)
         #: How many cells the last samples of each were apart.
         self._spacings = [deque[int](maxlen=_REPORTS) for _ in range(thermometers)]
         #: The mean of the last cell of each, °C, and that cell.
@@ -93,7 +95,7 @@ class ThermalGrid:
             if cell < self._next:
                 self.rejected += 1
                 return []
-            if cell > max(self._newest.values()) + self._patience:
+            if cell > max(self._newest.values()) + self._outage:
                 done, self._first = self._complete(cell), {}
         if (spacing := cell - self._newest.get(thermometer, cell)) > 0:
             self._spacings[thermometer].append(spacing)
@@ -106,10 +108,10 @@ class ThermalGrid:
         counts[thermometer] += 1
         return done + self._complete(cell)
 
-    def spacing(self, thermometer: int) -> int:
-        """Tell how many cells the last reports of a thermometer are apart; 1 at first."""
+    def spacing(self, thermometer: int, unknown: int = 1) -> int:
+        """Tell how many cells the last reports of a thermometer are apart, once it is known."""
         spacings = self._spacings[thermometer]
-        return min(spacings) if len(spacings) == _REPORTS else 1
+        return min(spacings) if len(spacings) == _REPORTS else unknown
 
     def _complete(self, newest: int) -> list[ThermalCell]:
         """Emit all cells that no sample can be expected for any more, now that one is newest."""
