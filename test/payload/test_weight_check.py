@@ -76,6 +76,15 @@ def test_the_friction_of_a_sander_in_circles_is_no_weight():
         assert check.found == ''
 
 
+def test_a_tool_that_turns_about_one_level_axis_says_that_specific_force_stands_still():
+    rng, check, weight = np.random.default_rng(0), WeightCheck('tool'), [0, 0, 19.6, 0, 0, 0]
+    for second in np.arange(0.0, 60.0, 1.01):
+        turn = Rotation.from_euler('x', 90 * np.sin(second / 7), degrees=True)
+        force_n = turn.apply(weight[:3]) + rng.normal(0, 0.05, 3)
+        check.add(np.append(force_n, np.zeros(3)), np.array(weight))
+    assert 'or stands still' in check.found
+
+
 @pytest.mark.parametrize('every_s', [5, 60])
 def test_names_that_change_do_not_put_off_that_a_weight_is_hidden(every_s):
     check, weight_n = HiddenWeight(), np.array([0.0, 0.0, -11.8])

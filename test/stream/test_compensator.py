@@ -150,6 +150,24 @@ def test_one_that_reports_each_second_is_followed_beside_a_seldom_one(make_model
         assert second < 10 or second / 60 - drift_n < 0.3
 
 
+@pytest.mark.parametrize(('first_s', 'until_s'), [(1, 300), (60, 3000)], ids=['dead', 'seldom'])
+def test_of_seldom_ones_all_reports_count_and_the_drift_moves_on_ramps(
+    make_model, first_s, until_s
+):
+    model = make_model({'force_z': (2.0, 0.0, 1.0)}, thermometers=2)
+    compensator = Compensator(2, StreamSettings(temperature_timeout_s=300.0), model)
+    cells, drifts = [], []
+    for second in range(3000):
+        if second % first_s == 0 and second < until_s:
+            cells += compensator.add_temperature(0, second * SECOND, 20.0 + second / 60)
+        if second % 60 == 5:
+            cells += compensator.add_temperature(1, second * SECOND, 20.0 + second / 60)
+        drifts.append(compensator.compensation_at(second * SECOND).zero[2])
+    reports = np.sum([cell.measured for cell in cells], axis=0)
+    assert reports.tolist() == pytest.approx([until_s / first_s, 50], abs=6)
+    assert np.abs(np.diff(drifts))[600:].max() < 0.1
+
+
 def test_the_force_path_has_no_memory(model):
     compensator = Compensator(1, StreamSettings(), model)
     stream(compensator, (0, 10))
