@@ -12,7 +12,7 @@ MOST = {
     # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
     'wrist_ft_comp': 22_647,
     # Above the goal of 19 000, for ninety faults that were found by reading; each test was red.
-    'test': 19_109,
+    'test': 19_110,
     # Up by 6: thermometers of the machine of truth lose samples; processes of benches end cleanly.
     'bench': 5_200,
 }

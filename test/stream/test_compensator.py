@@ -166,6 +166,7 @@ def test_of_seldom_ones_all_reports_count_and_the_drift_moves_on_ramps(
     reports = np.sum([cell.measured for cell in cells], axis=0)
     assert reports.tolist() == pytest.approx([until_s / first_s, 50], abs=6)
     assert np.abs(np.diff(drifts))[600:].max() < 0.1
+    assert drifts[-1] > 45.0
 
 
 def test_the_force_path_has_no_memory(model):

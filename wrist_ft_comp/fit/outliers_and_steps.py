@@ -33,8 +33,8 @@ MOVING = {'N': 1.0, 'N m': 0.1}
 _STEP_SHARE = 0.05
 #: A driver is started again in less than this, s; a recorder goes on after ten minutes.
 _RESTART_S = 660.0
-#: A step hides the other end of a touch, and what is small beside it. Steps are looked for so many
-#: times at most: of 100 kinds of touches, one time judges 27 otherwise, and three times 2.
+#: Steps are looked for this often at most, as one that was found hides others beside it, such as
+#: the other end of a touch. Of 100 kinds of touches, one look judges 27 otherwise than five.
 _ROUNDS = 5
 #: Drift can be learnt from a segment of at least this length, s. A recording is refused where such
 #: segments are less than half of it.

@@ -327,7 +327,7 @@ def _doubt_celsius(source: OpenBag | OpenTable, recording: Recording) -> Iterato
 
 
 def period_of(paths: Iterable[Path], topics: Topics, *, filled: bool = False) -> float:
-    """Find how long thermal cells of recordings have to be, s; so that all are filled, if so."""
+    """Choose the length of thermal cells for recordings, s; where ``filled``, each holds a row."""
     slowness_s = []
     for path in paths:
         if kind_of(path) == TABLE:

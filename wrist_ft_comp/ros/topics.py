@@ -34,7 +34,7 @@ _BEST_EFFORT, _RELIABLE = qos.ReliabilityPolicy.BEST_EFFORT, qos.ReliabilityPoli
 FAST_SENSOR: qos.QoSProfile = _profile(depth=1000, reliability=_BEST_EFFORT)
 #: Thermometers are slow (up to 100 Hz) and best effort, too; one second is kept.
 SLOW_SENSOR: qos.QoSProfile = _profile(depth=100, reliability=_BEST_EFFORT)
-#: Where only the newest message counts, which is polled; of several nodes, some are kept.
+#: Where only the newest message counts, which is polled; ten are kept, as nodes may share a topic.
 NEWEST: qos.QoSProfile = _profile(depth=10, reliability=_BEST_EFFORT)
 #: What is sent once and kept for those who come later: static transforms.
 LATCHED: qos.QoSProfile = _profile(

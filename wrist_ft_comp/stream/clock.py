@@ -35,8 +35,8 @@ APART_FOR_S = 30.0
 #: ... by more than a thermal cell and this, s. The node looks at wrenches ten times a second.
 _LEAST_APART_S = 1.0
 #: Specific force that comes farther than this from the wrench, s, is stamped by another clock; so
-#: is a topic of a bag where each message, less its arrival, is farther from each wrench: such a
-#: lag leaves 0.1 N in a warm-up (600 s: 1.8 N), and means of a minute may bear its middle.
+#: is a topic of a bag whose stamps, less their arrival, are all farther from those of the wrench.
+#: 40 s leave about 0.1 N in a warm-up (600 s: 1.8 N); means of a minute have its middle as stamp.
 FORCE_APART_S, BAG_APART_S = 2.0, 40.0
 #: Only a wrench that came less than this before, s, is compared with.
 _FRESH_WRENCH_S = 1.0

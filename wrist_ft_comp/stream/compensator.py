@@ -164,7 +164,7 @@ class Compensator:
         elif not had_drift:
             self._settle(target, None)
         self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
-        # The ramp lasts a cell, or, of those that report seldom, until the first does so again.
+        # The ramp lasts a cell, or, where only seldom ones have reported, until one is due again.
         grid, spacings = self.tracker.grid, list[int]()
         moved = np.abs(target.zero - self._begun.zero)
         for j in range(self.thermometers):

@@ -99,7 +99,7 @@ def doubt_start(
     model: DriftModel, start_c: FloatArray, memory_s: float, slope_k: FloatArray | None = None
 ) -> FloatArray:
     """
-    Tell about how far the zero drift is off where the sensor had not soaked, N and N m, (6,).
+    Estimate how far the zero drift is off where the sensor had not soaked, N and N m, (6,).
 
     Of temperatures, °C, (n, J), the first SPAN_S count. Where they move, they may have done so
     before, from the coldest room or the hottest work that the model was learnt from. A robot that

@@ -54,7 +54,7 @@ class ThermalGrid:
         self.rejected = 0
         self._thermometers = thermometers
         self._patience = outage_cells(period_ns, min(patience_s, _LONGEST_WAIT_S))
-        #: All were out when none reported for longer: all may report seldom.
+        #: Where none reports for longer, all were out; all of them may report seldom.
         self._outage = outage_cells(period_ns, patience_s)
         #: How many cells the last samples of each were apart.
         self._spacings = [deque[int](maxlen=_REPORTS) for _ in range(thermometers)]
