@@ -30,7 +30,7 @@ ROOMS = {
     'payload': 'learning jobs/test_learning_job.py recordings/test_specific_force.py '
     'wire/test_gravity_by_tf.py cli/test_payload.py cli/test_compensate.py cli/test_show.py',
     'learning': 'jobs/test_learning_job.py cli/test_show.py',
-    'stored': 'recordings/test_table.py learning/test_day_files.py cli/test_files.py',
+    'stored': 'recordings/test_table.py learning/test_days.py cli/test_files.py',
 }
 LEAST_KILLED = 0.9
 TREES = Path('build/mutated')

@@ -16,7 +16,7 @@ FOLDERS = [
 #: Numbers in, numbers out: no files, clocks, logs, and of libraries numpy and scipy only.
 MATHEMATICS = {'drift', 'stream', 'payload', 'fit', 'simulation'}
 #: What opens files.
-OF_FILES = {'stored', 'recordings', 'learning.day_files', 'jobs.learning_job'}
+OF_FILES = {'stored', 'recordings', 'learning.days', 'jobs.learning_job'}
 #: What knows ROS, and what reads bags by a system ROS.
 OF_ROS = {'ros', 'node', 'cli.service_calls', 'recordings.rosbag2_backend'}
 FILE_CALLS = {

@@ -34,9 +34,8 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.learning.diary import DayEntry
+from wrist_ft_comp.learning.days import DayEntry, worthiest
 from wrist_ft_comp.learning.incidents import Day, describe, incident, look_at
-from wrist_ft_comp.learning.learning_plan import worthiest
 from wrist_ft_comp.learning.model_choice import Champion, take
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, NANOSECONDS

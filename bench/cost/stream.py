@@ -31,7 +31,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / 'faults'))
 from kills import write_days
 import stand
 
-from wrist_ft_comp.learning.diary import load_memory
+from wrist_ft_comp.learning.days import load_memory
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS

@@ -26,8 +26,8 @@ from stand import keep, make_model, message, Sensor, write_warm_up
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli.show import days_text
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.learning import diary as diaries
-from wrist_ft_comp.learning.diary import DayEntry, Diary, diary_path, Memory
+from wrist_ft_comp.learning import days
+from wrist_ft_comp.learning.days import DayEntry, Diary, diary_path, Memory
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
@@ -86,7 +86,7 @@ class Targets:
         history = [HistoryEntry(None), HistoryEntry(model, 'b' * 64, why='It is better.')]
         NodeFolder(folder).activate(history, 'b' * 64)
         left = {'none': (3.0,) * 6, 'c' * 12: (0.3,) * 6}
-        diaries.save_diary(
+        days.save_diary(
             folder, Diary((DayEntry('day_00001.csv', 1, 2.0, ((20.0, 30.0),), left=left),))
         )
         mcap, sqlite = map(self._bag, (StoragePlugin.MCAP, StoragePlugin.SQLITE3))
@@ -158,8 +158,8 @@ class Targets:
     def diary(self, data: bytes) -> None:
         """Show a diary."""
         diary_path(self._folder).write_bytes(data)
-        if diaries.load_diary(self._folder).days:
-            days_text(self._folder, diaries.survey(self._folder), Memory())
+        if days.load_diary(self._folder).days:
+            days_text(self._folder, days.survey(self._folder), Memory())
 
 
 class TooSlow(BaseException):

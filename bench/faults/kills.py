@@ -28,8 +28,7 @@ from std_srvs.srv import SetBool
 
 from wrist_ft_comp.channels import AXES, GRAVITY
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.learning.diary import Diary, KIND, load_memory
+from wrist_ft_comp.learning.days import DayFiles, DIARY, Diary, load_memory
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
@@ -67,7 +66,7 @@ FILES: tuple[tuple[str, Callable[[Path], object], str], ...] = (
     ('recordings', read_recording, 'recordings/recording_*.csv'),
     ('states', load_state, 'state.json'),
     ('days', read_recording, 'days/*.csv'),
-    ('diaries', partial(KIND.load, Diary), 'days/diary.json'),
+    ('diaries', partial(DIARY.load, Diary), 'days/diary.json'),
     ('memories', lambda path: load_memory(path.parent), 'learning.json'),
 )
 

@@ -16,7 +16,7 @@ from judging import bench_parser, first_seed
 from years import live, print_year
 
 from wrist_ft_comp.cli.show import drift_left, summary, when
-from wrist_ft_comp.learning.diary import Diary
+from wrist_ft_comp.learning.days import Diary
 from wrist_ft_comp.report.pictures import days_figure, png
 from wrist_ft_comp.series import NANOSECONDS
 

@@ -8,7 +8,7 @@ import shutil
 import pytest
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.learning import diary
+from wrist_ft_comp.learning.days import DayEntry, Diary, save_diary
 
 PNG = b'\x89PNG\r\n\x1a\n' + b'\0\0\0\rIHDR' + bytes(40)
 
@@ -71,7 +71,7 @@ def own_model(model, tmp_path):
 @pytest.fixture
 def folder(tmp_path):
     (tmp_path / 'node/days').mkdir(parents=True)
-    diary.save_diary(tmp_path / 'node', diary.Diary((diary.DayEntry('day_00001.csv'),)))
+    save_diary(tmp_path / 'node', Diary((DayEntry('day_00001.csv'),)))
     return tmp_path / 'node'
 
 

@@ -72,7 +72,7 @@ def test_an_error_is_a_line_and_in_json(error, code, kind, sentence, run, drift_
     def fail(*_):
         raise error
 
-    monkeypatch.setattr('wrist_ft_comp.cli.recording_summary.describe_recording', fail)
+    monkeypatch.setattr('wrist_ft_comp.cli.show.describe_recording', fail)
     outcome = run('show', drift_csv, '--json')
     assert (outcome.code, json.loads(outcome.out)['error']['kind']) == (code, kind)
     assert outcome.err.startswith(f'wrist_ft_comp: {sentence}')

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from wrist_ft_comp.learning import diary
+from wrist_ft_comp.learning import days
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.report.pictures import days_figure
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
@@ -95,18 +95,18 @@ def folder(tmp_path):
     """A node's folder with three days, one of them hit."""
     folder = tmp_path / 'left'
     left = {'none': (3.0,) * 6, 'abc': (0.3,) * 6, 'challenger': (0.2,) * 6}
-    days = (
-        diary.DayEntry(
+    entries = (
+        days.DayEntry(
             'day_00001.csv', START, 24.0, ((18.0, 25.0),), left=left, live='abc',
             verdict='the challenger is better by chance only'),
-        diary.DayEntry(
+        days.DayEntry(
             'day_00002.csv', START + DAY, 23.5, ((24.0, 29.0),),
             left={'none': (4.0, nan, nan, nan, nan, nan)}, live='abc',
             incident='zero of force_z jumped by 4.1 N at 13:02', kind='zero'),
-        diary.DayEntry('day_00004.csv', START + 3 * DAY, 9.0, ((35.0, 40.0),), verdict='all well'),
+        days.DayEntry('day_00004.csv', START + 3 * DAY, 9.0, ((35.0, 40.0),), verdict='all well'),
     )  # fmt: skip
-    diary.save_diary(folder, diary.Diary(days, paused='zero of force_z jumped'))
-    diary.save_memory(folder, diary.Memory(offered='m.yaml'))
+    days.save_diary(folder, days.Diary(entries, paused='zero of force_z jumped'))
+    days.save_memory(folder, days.Memory(offered='m.yaml'))
     adopted = HistoryEntry(
         folder / 'models/model_x.yaml', since='2026-05-02T06:00:00+00:00',
         why='model_x.yaml was adopted', day='day_00001.csv',
@@ -138,7 +138,7 @@ def test_days_are_summed_up_and_what_happened_is_listed(done, folder):
 
 
 def test_a_day_without_a_date_goes_by_its_name(done, folder):
-    diary.save_diary(folder, diary.Diary((diary.DayEntry('day_00006.csv'),)))
+    days.save_diary(folder, days.Diary((days.DayEntry('day_00006.csv'),)))
     assert '1 day, day_00006: none is judged yet.' in done('show', folder)
 
 
@@ -149,11 +149,11 @@ def test_what_happened_is_listed_by_date_a_learnt_model_once(done, tmp_path):
         HistoryEntry(model, since='2026-02-04T06:00:00', why='a.yaml is live', **learnt),
     ]
     NodeFolder(tmp_path).activate(history)
-    days = (
-        diary.DayEntry('day_00001.csv', START, better='b.yaml', verdict='It is better.'),
-        diary.DayEntry('day_00002.csv', START + DAY, better='a.yaml', incident='It was hit.'),
+    entries = (
+        days.DayEntry('day_00001.csv', START, better='b.yaml', verdict='It is better.'),
+        days.DayEntry('day_00002.csv', START + DAY, better='a.yaml', incident='It was hit.'),
     )
-    diary.save_diary(tmp_path, diary.Diary(days))
+    days.save_diary(tmp_path, days.Diary(entries))
     said = done('show', tmp_path).partition('What happened:\n')[2].splitlines()
     assert said[:3] == [
         '2026-02-02  b.yaml was learnt. It is better.', '2026-02-03  It was hit.',
@@ -176,7 +176,7 @@ def test_no_label_of_a_picture_lies_on_another_or_outside(count):
 
 @pytest.mark.parametrize('content', [None, '{', '{"format": "other"}'])
 def test_without_a_diary_there_is_a_sentence(run, folder, content):
-    path = diary.diary_path(folder)
+    path = days.diary_path(folder)
     path.unlink() if content is None else path.write_text(content)
     said = f'{folder} holds no days that were' if content is None else f'{path} is not a diary'
     assert said in run('show', folder).sentence

@@ -13,8 +13,7 @@ from wrist_ft_comp.drift.drift_model import run_from_rest
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs import job_main
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
-from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
-from wrist_ft_comp.learning.diary import diary_path, load_diary
+from wrist_ft_comp.learning.days import day_files, diary_path, LARGEST_BYTES, load_diary
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
 
@@ -62,7 +61,7 @@ def sensor(tmp_path_factory):
 def job_of(directory, count, *history, report=False, **more):
     models = directory / 'models'
     return CalibrationJob(
-        tuple(days(directory)[:count]), models / f'model_{count}.yaml', QUICK, PERIOD_S,
+        tuple(day_files(directory)[:count]), models / f'model_{count}.yaml', QUICK, PERIOD_S,
         report=models / f'model_{count}.html' if report else None,
         learning=Learning(history, **more))  # fmt: skip
 

@@ -4,9 +4,8 @@ import re
 import numpy as np
 import pytest
 
-from wrist_ft_comp.learning.diary import DayEntry
-from wrist_ft_comp.learning.incidents import describe, incident
-from wrist_ft_comp.learning.learning_plan import pause
+from wrist_ft_comp.learning.days import DayEntry
+from wrist_ft_comp.learning.incidents import describe, incident, pause
 
 TOOL = {'mass_kg': 2.5, 'center_m': (0.02, 0.0, 0.2)}
 

@@ -7,10 +7,9 @@ from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.learning import model_choice
-from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, NONE
+from wrist_ft_comp.learning.days import CHALLENGER, DayEntry, NONE, worthiest
 from wrist_ft_comp.learning.incidents import describe, left, look_at
-from wrist_ft_comp.learning.learning_plan import reason, worthiest
-from wrist_ft_comp.learning.model_choice import Champion, compare, describe_day, take
+from wrist_ft_comp.learning.model_choice import Champion, compare, describe_day, reason, take
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift
 

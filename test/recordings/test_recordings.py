@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.cli.recording_summary import describe_recording
+from wrist_ft_comp.cli.show import describe_recording
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file

@@ -16,9 +16,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import OutputError, WristFtCompError
-from wrist_ft_comp.learning import diary
-from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.learning.diary import Diary, load_memory, Memory, save_diary, save_memory
+from wrist_ft_comp.learning import days
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stored import model_file, payload_file, safe_file, state_file
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
@@ -84,8 +82,8 @@ def test_a_target_that_cannot_be_written_is_a_sentence(content, target, monkeypa
 
 @pytest.mark.parametrize(('name', 'write'), [
     ('state.json', lambda folder: save_state(folder / 'state.json', STATE)),
-    ('learning.json', lambda folder: save_memory(folder, Memory())),
-    ('days/diary.json', lambda folder: save_diary(folder, Diary())),
+    ('learning.json', lambda folder: days.save_memory(folder, days.Memory())),
+    ('days/diary.json', lambda folder: days.save_diary(folder, days.Diary())),
     ('active.json', lambda folder: NodeFolder(folder).activate([HistoryEntry(None)])),
 ])  # fmt: skip
 @pytest.mark.parametrize(
@@ -118,8 +116,8 @@ READERS = {
     'model.yaml': (model_file.load_model, model_file.KIND),
     'payloads.json': (load_payloads, payload_file.KIND),
     'state.json': (load_state, state_file.KIND),
-    'learning.json': (lambda path: load_memory(path.parent), diary.MEMORY),
-    'days/diary.json': (lambda path: diary.KIND.load(Diary, path), diary.KIND),
+    'learning.json': (lambda path: days.load_memory(path.parent), days.MEMORY),
+    'days/diary.json': (lambda path: days.DIARY.load(days.Diary, path), days.DIARY),
     'active.json': (lambda path: NodeFolder(path.parent).history(), None),
 }
 BROKEN = [
@@ -164,7 +162,7 @@ def test_a_day_that_the_node_did_not_write_stays(content, tmp_path):
     path = tmp_path / 'days/day_00007.csv'
     path.parent.mkdir()
     path.write_text(content)
-    files = DayFiles(tmp_path, ('force_x', 'temperature_c'), 1e9)
+    files = days.DayFiles(tmp_path, ('force_x', 'temperature_c'), 1e9)
     files.append(10**18, (1.0, 20.0))
     files.close()
     assert path.read_text() == content

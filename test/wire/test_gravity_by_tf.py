@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.channels import GRAVITY
-from wrist_ft_comp.cli.recording_summary import directions_of
+from wrist_ft_comp.cli.show import directions_of
 from wrist_ft_comp.wire.gravity_by_tf import GravityByTf, Transforms
 
 SECOND = 1_000_000_000

@@ -1,37 +1,47 @@
-"""wrist_ft_comp show: what a file is."""
+"""wrist_ft_comp show: what a file is, what it holds, and the commands that would read it."""
 
 import argparse
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
+import re
+import shlex
 
 import numpy as np
 from rich.table import Table
 
-from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
-from wrist_ft_comp.cli import options, recording_summary
-from wrist_ft_comp.cli.recording_summary import RecordingSummary
+from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY, SENSOR_FACTS, temperature_channel
+from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.terminal import filled, print_result, progress_bar, table
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, StateFileError
 from wrist_ft_comp.fit.data_checks import check_recordings, silent_stretches
-from wrist_ft_comp.learning import diary as diaries
+from wrist_ft_comp.learning import days
+from wrist_ft_comp.payload.mass_and_center import CONTRAST
 from wrist_ft_comp.payload.weight import Payload, payload_line
-from wrist_ft_comp.recording import clock_time, Recording
-from wrist_ft_comp.recordings.bag_topics import Candidate, RAW_WRENCH, TEMPERATURE
-from wrist_ft_comp.recordings.column_proposal import suffix_of
-from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
+from wrist_ft_comp.recording import clock_time, Recording, Topics
+from wrist_ft_comp.recordings import bag as bags
+from wrist_ft_comp.recordings import read
+from wrist_ft_comp.recordings.bag import Bag, Candidate, RAW_WRENCH, TEMPERATURE, TF
+from wrist_ft_comp.recordings.column_proposal import OPEN, suffix_of
+from wrist_ft_comp.recordings.read_options import MAP_FILE, parse_options, recipe
+from wrist_ft_comp.report.advice import run_command
 from wrist_ft_comp.report.html_page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
-from wrist_ft_comp.series import FloatArray, NANOSECONDS, rounded
+from wrist_ft_comp.series import FloatArray, NANOSECONDS, part_of, Progress, rounded
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, payload_figures, PAYLOADS
+from wrist_ft_comp.wire.temperature_source import parse_source
 
 #: Most of what happened that is listed, the newest.
 MOST_EVENTS = 40
 #: Of a drift up to this one, N, no share is given: no sensor resolves it.
 _LEAST_DRIFT = 1e-6
+REFERENCE = 'reference'
+SPECIFIC_FORCE = 'specific force'
 HELP = 'say what a model, a recording, payloads.json or a diary holds'
 DESCRIPTION = """\
 Say what a model file or a recording holds. Of a bag, which topics could be
@@ -65,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
         lines = [f'{path}: a report of wrist_ft_comp; open it in a browser']
     elif (path / 'days').is_dir():
-        diary = diaries.survey(path)
+        diary = days.survey(path)
         described_days, lines = _node_days(path, diary)
         document = {str(path): described_days}
         if arguments.picture:
@@ -83,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments, [path])
-            described, recording = recording_summary.describe_recording(path, topics, progress)
+            described, recording = describe_recording(path, topics, progress)
             refusal = _refusal(described, recording)
             code = int(recording is None and not described.candidates)  # nothing could be read
             doubts = [*described.warnings]
@@ -91,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
                 doubts += [*recording.warnings, *silent_stretches([recording])]
             said = tuple(doubt for doubt in dict.fromkeys(doubts) if doubt not in refusal)
             described = replace(described, warnings=said)
-        words = recording_summary.commands(described, path)
+        words = next_commands(described, path)
         usable = words if described.is_open or not refusal else []
         document = {**vars(described), 'commands': usable, 'refusal': refusal}
         lines = [*_recording_lines(described, words, refusal)]
@@ -105,11 +115,11 @@ def run(arguments: argparse.Namespace) -> int:
     return code
 
 
-def _node_days(folder: Path, diary: diaries.Diary) -> tuple[dict[str, object], list[str]]:
+def _node_days(folder: Path, diary: days.Diary) -> tuple[dict[str, object], list[str]]:
     """Describe the days of a node, as plain values and in words."""
-    memory, warnings = diaries.Memory(), list[str]()
+    memory, warnings = days.Memory(), list[str]()
     try:
-        memory = diaries.load_memory(folder) or memory
+        memory = days.load_memory(folder) or memory
     except StateFileError as error:
         warnings.append(str(error))
     words = [*days_text(folder, diary, memory), *(f'warning: {said}' for said in warnings)]
@@ -118,7 +128,7 @@ def _node_days(folder: Path, diary: diaries.Diary) -> tuple[dict[str, object], l
         'days': [{**vars(day), 'known': sorted(day.known)} for day in diary.days],
         'paused': diary.paused,
         'summary': {'sentence': summary(diary), 'force_n': {'without': without, 'left': left}},
-        'node': {**vars(memory), 'change': diaries.last_change(diary.history)},
+        'node': {**vars(memory), 'change': days.last_change(diary.history)},
         'warnings': warnings,
     }, words
 
@@ -153,6 +163,199 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
     yield ''
     yield table(['axis', 'unit', 'before', 'left', 'removes drift of', 'chosen'], rows)
     yield from (f'warning: {warning}' for warning in document['warnings'])
+
+
+@dataclass(frozen=True)
+class ChannelSummary:
+    """One topic of a bag, or one channel of a file."""
+
+    name: str
+    #: Message type or unit.
+    kind: str
+    samples: int
+    #: RAW_WRENCH, TEMPERATURE, both, REFERENCE, SPECIFIC_FORCE, or '' where it is not used.
+    role: str
+    #: Lowest and highest usable reading of a temperature in a file, °C.
+    reads: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class RecordingSummary:
+    """What a file or folder holds."""
+
+    name: str
+    #: Such as ``rosbag2, sqlite3``.
+    kind: str
+    #: In the file's order.
+    channels: tuple[ChannelSummary, ...]
+    #: Earliest and latest stamp, ns; of a bag, the times of recording. None without samples.
+    first_ns: int | None
+    last_ns: int | None
+    #: What is used.
+    topics: Topics
+    #: What could not be read, in sentences.
+    warnings: tuple[str, ...] = ()
+    #: What may be used, of a bag only.
+    candidates: tuple[bags.Candidate, ...] = ()
+    #: Along how many directions gravity moved in the sensor's frame; a payload needs two. None
+    #: where no specific force was recorded, or nothing can be learnt.
+    gravity_directions: int | None = None
+    #: Whether the columns of ``topics`` are a guess, because nobody gave any.
+    guessed: bool = False
+    #: Why it cannot be read as a recording; empty where it can.
+    refusal: str = ''
+    #: Whether a reference was recorded that is zero throughout.
+    is_unloaded: bool = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a person has to name some of the columns."""
+        return OPEN in self.topics.columns
+
+
+#: What was found, and the recording where it can be read.
+Description = tuple[RecordingSummary, Recording | None]
+
+
+def describe_recording(
+    path: Path | str, topics: Topics | None = None, progress: Progress = lambda _: None
+) -> Description:
+    """
+    Describe a recording of any kind; it need not hold all that a calibration wants.
+
+    Of a bag, the topics say which role which one has; what they don't name is chosen.
+    RecordingError when it is none at all.
+    """
+    topics = topics or Topics()
+    with read.open_recording(Path(path), topics) as opened:
+        if isinstance(opened, read.OpenTable):
+            summary, recording = _describe_table(opened, progress)
+        else:
+            summary, recording = _describe_bag(opened.bag, topics, progress)
+    if recording is None or recording.specific_force is None:
+        return summary, recording
+    return replace(summary, gravity_directions=directions_of(recording.specific_force)), recording
+
+
+def _describe_bag(bag: Bag, topics: Topics, progress: Progress) -> Description:
+    """Take topics, counts and times from the bag's own index, survey what may be used, read it."""
+    candidates, warnings = bags.survey_bag(bag, part_of(progress, 0, 2))
+    asked, topics = topics.gravity_frame, bags.suggested_topics(candidates, topics)
+    if topics.wrench and not topics.force_source and any(c.role == TF for c in candidates):
+        with suppress(RecordingError):
+            topics = replace(topics, gravity_frame=bags.uppermost_frame(bag, topics))
+    # What TF does not tell is left out; it is said where a person asked for it.
+    recording, refusal = None, ''
+    for frame in dict.fromkeys((topics.gravity_frame, '')) if topics.wrench else ():
+        topics = replace(topics, gravity_frame=frame)
+        try:
+            opened = read.OpenBag(bag, parse_options(topics))
+            recording = read.read_opened(opened, 1.0, progress=part_of(progress, 1, 2))
+            refusal = ''
+            break
+        except RecordingError as error:
+            refusal = str(error)
+            warnings = *warnings, *([refusal] if frame and asked else [])
+
+    temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
+    wrench = topics.wrench.strip('/')
+    roles = {
+        (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
+        topics.reference.strip('/'): REFERENCE,
+        **dict.fromkeys(temperatures, TEMPERATURE),
+        wrench: f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH,
+    }
+    counts: Counter[tuple[str, str]] = Counter()
+    for connection in bag.connections:
+        counts[connection.topic, connection.msgtype] += connection.msgcount
+    first_ns, last_ns = bag.span_ns if sum(counts.values()) else (None, None)
+    channels = tuple(
+        ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
+        for (topic, kind), count in sorted(counts.items())
+    )
+    compressed = f', {bag.compression} compression' if bag.compression else ''
+    summary = RecordingSummary(
+        bag.name, f'{read.BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns, topics,
+        (*bag.warnings, *warnings), candidates, refusal=refusal)  # fmt: skip
+    return summary, recording
+
+
+def _describe_table(opened: read.OpenTable, progress: Progress) -> Description:
+    """Describe a table, and read it; what cannot be read as it is, by a map that is proposed."""
+    topics, lacking = opened.options.topics, opened.lacks()
+    if lacking:
+        proposal = opened.propose()
+        columns = ','.join([*filter(None, [topics.columns]), proposal.columns])
+        topics = replace(topics, columns=columns, time=topics.time or proposal.time)
+        if OPEN in columns:
+            refusal = proposal.refusal(opened.name, opened.names, lacking, 'as below.')
+            return RecordingSummary(
+                opened.name, read.TABLE, (), None, None, topics, guessed=True, refusal=refusal
+            ), None
+        opened = read.OpenTable(opened.tables, parse_options(topics))
+    recording, refusal = None, opened.compensated
+    try:
+        period_s = read.fitting_period_s([opened.slowness_s])
+        recording = read.read_opened(opened, period_s, progress=progress)
+    except RecordingError as error:
+        if not opened.is_read:
+            raise
+        refusal = refusal or str(error)
+    columns_c = recording.temperature_c.T if recording else ()
+    reads = {temperature_channel(j): (c.min(), c.max()) for j, c in enumerate(columns_c)}
+    channels = []
+    for channel, count in opened.counts.items():
+        role = RAW_WRENCH if channel in AXES else SPECIFIC_FORCE
+        role = REFERENCE if channel.startswith(REFERENCE) else role
+        role = TEMPERATURE if channel.startswith(TEMPERATURE) else role
+        unit = axis_unit(channel)
+        channels.append(ChannelSummary(channel, unit, count, role, reads.get(channel)))
+    first_ns, last_ns = opened.span_ns or (None, None)
+    summary = RecordingSummary(
+        opened.name, read.TABLE, tuple(channels), first_ns, last_ns, topics, opened.warnings,
+        guessed=bool(lacking), refusal=refusal,
+        is_unloaded=bool(recording and not np.nan_to_num(recording.reference).any()))  # fmt: skip
+    return summary, recording
+
+
+def next_commands(summary: RecordingSummary, path: Path) -> list[str]:
+    """Write the commands that learn from a recording and judge; of a bag, that run, too."""
+    topics, usual, is_bag = summary.topics, Topics(), bool(summary.candidates)
+    referred = any(c.role == REFERENCE and c.samples for c in summary.channels)
+    referred &= not summary.is_unloaded
+    at_work = bool(summary.gravity_directions) and not referred
+    reference = 'recorded' if referred else 'payload' if at_work else ''
+    words = ['--reference', reference] if reference else []
+    if topics.wrench.strip('/') != usual.wrench.strip('/'):
+        words += ['--wrench-topic', topics.wrench]
+    if topics.temperatures != usual.temperatures:
+        for entry in topics.temperatures:
+            words += ['--temperature-topic', entry]
+    words += topics.options(reference)
+    if not at_work:
+        topics = replace(topics, imu='', gravity_frame='')
+    # Two recordings in one folder have two models, and none is the map of their columns.
+    first = path.name.partition('+')[0]
+    name = re.sub(r'(\.[a-z]\w*)+$', '', first, flags=re.IGNORECASE)
+    model = 'model.yaml' if f'{name}.yaml' in {'.yaml', MAP_FILE} else f'{name}.yaml'
+    another = f'ANOTHER_DAY{"" if is_bag else first.removeprefix(name)}'
+    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', model]
+    evaluate = ['wrist_ft_comp', 'evaluate', model, another]
+    if not is_bag:
+        return [shlex.join([*command, *words]) for command in (calibrate, evaluate)]
+    calibrate += ['--report', f'{Path(model).stem}.html', *words]
+    evaluate += ['--report', 'evaluation.html', *words]
+    return [shlex.join(calibrate), shlex.join(evaluate), run_command(topics, model)]
+
+
+def directions_of(force: FloatArray) -> int | None:
+    """Count the directions along which specific force, (n, 3), moved; None without samples."""
+    force = force[np.isfinite(force).all(axis=1)]
+    if not len(force):
+        return None
+    norm = float(np.sqrt(np.mean(np.sum(force**2, axis=1))))
+    moved = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(force.T, bias=True)), 0))
+    return int(np.sum(moved * (GRAVITY / norm if norm else 0.0) > CONTRAST))
 
 
 def _recording_lines(
@@ -258,7 +461,7 @@ def _use(summary: RecordingSummary, commands: Sequence[str], refusal: str) -> It
             yield from recipe(topics.columns, topics.time)
 
 
-def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str]:
+def days_text(directory: Path, diary: days.Diary, memory: days.Memory) -> list[str]:
     """Sum days up, and list what happened and the last verdicts."""
     went_live = {change.day for change in diary.history if change.how == 'learnt'}
     happened = [(change.since[:10], change.why) for change in diary.history if change.day]
@@ -271,7 +474,7 @@ def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> 
         'What happened:' if happened else '',
         *(f'{date}  {said}' for date, said in sorted(happened)[-MOST_EVENTS:]),
         *(f'{day.name}: {day.verdict}' for day in diary.days[-3:] if day.verdict),
-        f'last change: {diaries.last_change(diary.history) or "none yet"}',
+        f'last change: {days.last_change(diary.history) or "none yet"}',
         f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
         f'paused: {diary.paused}' if diary.paused else '',
     ]
@@ -279,12 +482,12 @@ def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> 
     return [head, *map(filled, filter(None, [summary(diary), *lines]))]
 
 
-def drift_left(diary: diaries.Diary) -> FloatArray:
+def drift_left(diary: days.Diary) -> FloatArray:
     """Give a force's drift, RMS, N: without a model, left by the live one; or NaN; (days, 2)."""
-    return np.array([(day.rms_left(diaries.NONE), day.rms_left(day.live)) for day in diary.days])
+    return np.array([(day.rms_left(days.NONE), day.rms_left(day.live)) for day in diary.days])
 
 
-def usual_drift(diary: diaries.Diary) -> list[float]:
+def usual_drift(diary: days.Diary) -> list[float]:
     """Take the medians of both over days with a live model, if there are any, or else over all."""
     drifts = drift_left(diary)
     with_model = np.isfinite(drifts).all(axis=1)
@@ -292,7 +495,7 @@ def usual_drift(diary: diaries.Diary) -> list[float]:
     return np.median(judged, axis=0).tolist() if len(judged) else [np.nan, np.nan]
 
 
-def summary(diary: diaries.Diary) -> str:
+def summary(diary: days.Diary) -> str:
     """Say in one sentence what drifted, and what was left of it."""
     (without, left), count = usual_drift(diary), len(diary.days)
     dates = dict.fromkeys(map(when, (diary.days[0], diary.days[-1])))
@@ -308,7 +511,7 @@ def summary(diary: diaries.Diary) -> str:
     return f'{sentence}.'
 
 
-def when(day: diaries.DayEntry) -> str:
+def when(day: days.DayEntry) -> str:
     """Write the date that a day began on by its stamps, UTC, or its name where it has none."""
     if day.first_ns:  # its recording could be read
         return clock_time(day.first_ns).partition(' ')[0]

@@ -10,11 +10,8 @@ from typing import Any
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import save
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
-from wrist_ft_comp.learning.day_files import day_number, goes_on, LARGEST_BYTES, size_of
-from wrist_ft_comp.learning.diary import Diary, load_diary, save_diary
-from wrist_ft_comp.learning.incidents import Day, look_at
-from wrist_ft_comp.learning.learning_plan import MOST_DAYS, pause, prune
-from wrist_ft_comp.learning.model_choice import Champion, describe_day, drift_words, take
+from wrist_ft_comp.learning import days, model_choice
+from wrist_ft_comp.learning.incidents import Day, look_at, pause
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.report.report_content import calibration_content, model_sources
@@ -31,7 +28,7 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
     history, directory = learning.history, job.recordings[-1].parent.parent
     live = _champion(history[-1] if history else None)
 
-    def champion_of(day: str) -> Champion:
+    def champion_of(day: str) -> model_choice.Champion:
         """Load the model that ran on a day; only its name is known where its file is gone."""
         entry = model_on(history, day)
         if history and entry is history[-1]:
@@ -39,19 +36,21 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
         try:
             return _champion(entry)
         except WristFtCompError:
-            return Champion(entry.path.name if entry and entry.path else '')
+            return model_choice.Champion(entry.path.name if entry and entry.path else '')
 
     # Days are read and separated once.
-    look = lru_cache(maxsize=MOST_DAYS + 1)(lambda name: _look(job, name))
-    names, known = [path.name for path in job.recordings], load_diary(directory)
+    look = lru_cache(maxsize=model_choice.MOST_DAYS + 1)(lambda name: _look(job, name))
+    names, known = [path.name for path in job.recordings], days.load_diary(directory)
     since, newest = day_of_choice(history), max(names)
     judged = {day.name: day for day in known.days if day.name != newest}
     for name in sorted(set(names) - set(judged) - {newest}):
         before = [judged[other] for other in sorted(judged) if other < name]
-        entry = describe_day(name, look, before, champion_of(name))
-        judged[name] = replace(entry, verdict=f'{drift_words(entry)}{_LATE}')
+        entry = model_choice.describe_day(name, look, before, champion_of(name))
+        judged[name] = replace(entry, verdict=f'{model_choice.drift_words(entry)}{_LATE}')
     before = [judged[name] for name in sorted(judged)]
-    choice = take(newest, look, before, champion_of(newest), names, since, job.settings)
+    choice = model_choice.take(
+        newest, look, before, champion_of(newest), names, since, job.settings
+    )
     entry = choice.entry
     paused = pause([*before, entry], since)
 
@@ -73,11 +72,11 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
                 if job.report is not None:
                     REPORT.write(job.report, page(content))
             entry = replace(entry, better=job.output.name)
-    diary = Diary((*before, entry), paused=paused)
+    diary = days.Diary((*before, entry), paused=paused)
     with _noted(troubles, 'The diary is lost'):
-        save_diary(directory, diary)
+        days.save_diary(directory, diary)
     with _noted(troubles, 'Old days stay'):
-        prune(directory, diary, learning.max_mb)
+        days.prune(directory, diary, learning.max_mb)
     incident = ' '.join(filter(None, troubles))
     message = ' '.join(filter(None, (incident, entry.verdict, advice)))
     return {**answer, 'incident': incident, 'message': message}
@@ -87,15 +86,15 @@ def _look(job: CalibrationJob, name: str) -> Day:
     """Read and separate a day, after the one that it goes on from."""
     paths = {path.name: path for path in job.recordings}
     path = paths[name]
-    if not size_of(path):
+    if not days.size_of(path):
         raise RecordingError(
             f'{path} is no file that a node wrote: empty, a dead link, or larger than '
-            f'{LARGEST_BYTES / 1e6:.0f} MB. Move it away.'
+            f'{days.LARGEST_BYTES / 1e6:.0f} MB. Move it away.'
         )
     recording = read_recording(path, period_s=job.period_s, topics=job.topics)
     earlier = max((other for other in paths if other < name), default=None)
     with suppress(RecordingError, OSError):  # a damaged day before is no fault of this one
-        if earlier and goes_on(paths[earlier], path):
+        if earlier and days.goes_on(paths[earlier], path):
             before = read_recording(paths[earlier], period_s=job.period_s, topics=job.topics)
             if before.thermometers == recording.thermometers:
                 return look_at(recording, before)
@@ -111,13 +110,13 @@ def _noted(troubles: list[str], what: str) -> Iterator[None]:
         troubles.append(f'{what}: {error}')
 
 
-def _champion(entry: HistoryEntry | None) -> Champion:
+def _champion(entry: HistoryEntry | None) -> model_choice.Champion:
     """Load a model that is or was live, and find the newest day that it was learnt from."""
     if entry is None or entry.path is None:
-        return Champion()
+        return model_choice.Champion()
     stored = load_model(entry.path)
     sources = [Path(source) for source, _ in model_sources(stored)]
     # A person's own recordings may have names like those of days.
     names = [source.name for source in sources if source.parent.name == 'days']
-    newest = max(filter(day_number, names), default='')
-    return Champion(stored.sha256[:12], stored.model, newest)
+    newest = max(filter(days.day_number, names), default='')
+    return model_choice.Champion(stored.sha256[:12], stored.model, newest)

@@ -2,7 +2,8 @@
 A day at work: payload, contacts and drift, what models leave of the drift, and its incident.
 
 Two tests find what changes the sensor: the payloads' gains are s · R times those of a day before,
-or the reading steps and stays, other than by a tare.
+or the reading steps and stays, other than by a tare. That stops learning until three more days
+have had no incident, or a person decides.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks
 from wrist_ft_comp.fit.folds import averaged_cells, tared_means
 from wrist_ft_comp.fit.thermometer_prediction import UNUSUAL
-from wrist_ft_comp.learning.diary import DayEntry, IncidentKind, LEARNT_FROM, NONE
+from wrist_ft_comp.learning.days import DayEntry, IncidentKind, LEARNT_FROM, NONE
 from wrist_ft_comp.payload import separation as work
 from wrist_ft_comp.payload.identify_payload import LEAST_FREE
 from wrist_ft_comp.payload.mass_and_center import CONTRAST, gains_of, LEVER_M, MISFIT
@@ -47,6 +48,8 @@ _JUMP_TOLERANCE = 0.25
 #: Good days that have to come before learning goes on after an incident, before the noise of days
 #: is usual, and before a model is judged that a person chose.
 DAYS_TO_AGREE = 3
+#: Days of these kinds stop learning.
+_PAUSING: tuple[IncidentKind, ...] = ('zero', 'sensor')
 #: Kind of the incident, and a sentence.
 Incident = tuple[IncidentKind, str]
 
@@ -285,3 +288,19 @@ def _distance_to_zero(readings: FloatArray, at: int, jump: FloatArray) -> float:
     share = -np.sum(after[:-1] * change, axis=1) / np.maximum(np.sum(change**2, axis=1), 1e-12)
     distance = np.linalg.norm(after[:-1] + np.clip(share, 0, 1)[:, np.newaxis] * change, axis=1)
     return float(np.min(distance, initial=np.inf, where=np.isfinite(distance)))
+
+
+def pause(entries: Sequence[DayEntry], since: str) -> str:
+    """Say why learning has stopped on its own; empty when it has not."""
+    why, agreeing = '', 0
+    for entry in entries:
+        if entry.kind in _PAUSING and entry.name > since:
+            why, agreeing = f'{entry.name}: {entry.incident}', 0
+        elif entry.kind in LEARNT_FROM:
+            agreeing += 1
+    if not why or agreeing >= DAYS_TO_AGREE:
+        return ''
+    return (
+        f'{why} Learning goes on after {DAYS_TO_AGREE} days without an incident ({agreeing} so '
+        'far). To end this pause, call ~/calibrate or ~/adopt; their model is kept for as long.'
+    )

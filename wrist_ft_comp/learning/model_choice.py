@@ -19,12 +19,30 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning import learning_plan as plan
-from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, LEARNT_FROM, NONE
-from wrist_ft_comp.learning.incidents import Day, describe, incident, left
+from wrist_ft_comp.learning import incidents
+from wrist_ft_comp.learning.days import (
+    CHALLENGER,
+    DayEntry,
+    good_days,
+    LEARNT_FROM,
+    NONE,
+    worthiest,
+)
+from wrist_ft_comp.learning.incidents import Day, DAYS_TO_AGREE, describe, incident, left
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift, thermometer_doubts
 
+#: Fewest days that a model is learnt from.
+FEWEST_DAYS = 2
+#: Most days that a model is learnt from. They bound the cost, and all seasons fit into them.
+MOST_DAYS = 12
+#: A model is learnt when the number of good days has grown by a third: on the 2nd, 3rd, 4th,
+#: 6th, 8th, 11th, 15th, 20th … good day.
+_GROWTH_PARTS = 3
+#: One is also learnt after a day on which the live model left more than this many times what it
+#: leaves on the median day.
+_BAD_RATIO = 2.0
+ANOTHER_DAY = 'One more good day is needed before a model is learnt.'
 #: Added to both errors, as a share of a usual drift: where next to nothing is left, neither of the
 #: two is better.
 _FLOOR = 0.01
@@ -96,18 +114,18 @@ def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
     """
     entry = describe_day(name, look, before, champion)
     words, entries = drift_words(entry), [*before, entry]
-    if plan.pause(entries, since) or entry.kind not in LEARNT_FROM:
+    if incidents.pause(entries, since) or entry.kind not in LEARNT_FROM:
         return Choice(replace(entry, verdict=f'{words}No model was learnt after this day.'))
     chosen = since if since > champion.newest else ''
-    due, why = plan.reason(entries, champion.key, chosen)
-    days = [day for day in plan.good_days(entries) if day.name in kept]
+    due, why = reason(entries, champion.key, chosen)
+    days = [day for day in good_days(entries) if day.name in kept]
     learnt: list[DayEntry] = []
-    for day in plan.worthiest(days, plan.MOST_DAYS) if due else ():
+    for day in worthiest(days, MOST_DAYS) if due else ():
         with suppress(*_UNREADABLE):  # a file may have been damaged since
             look(day.name)
             learnt.append(day)
-    if len(learnt) < plan.FEWEST_DAYS:
-        return Choice(replace(entry, verdict=f'{words}{plan.ANOTHER_DAY if due else why}'))
+    if len(learnt) < FEWEST_DAYS:
+        return Choice(replace(entry, verdict=f'{words}{ANOTHER_DAY if due else why}'))
     settings = replace(settings or CalibrationSettings(), reference='recorded')
     entry = replace(entry, challenged=True)
     try:
@@ -184,3 +202,42 @@ def drift_words(entry: DayEntry) -> str:
     left = f'left {live:.2g} N' if np.isfinite(live) else 'cannot be judged on this day'
     words = f'the live model {left}' if entry.live else 'no model was live'
     return f'A force drifted by {drift:.2g} N (RMS); {words}. ' if np.isfinite(drift) else ''
+
+
+def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bool, str]:
+    """
+    Decide whether a model is learnt after the newest day, and say why, or why not.
+
+    ``live`` is the key of the live model, ``chosen`` the newest day before a person chose it;
+    empty where none is live, and where the node did.
+    """
+    good = [day for day in entries if day.kind in LEARNT_FROM]
+    if len(good) < FEWEST_DAYS:
+        return False, ANOTHER_DAY
+    new = sum(day.name > chosen for day in good)
+    if chosen and new < DAYS_TO_AGREE:
+        return False, (
+            f'A person chose the live model. It is kept for {DAYS_TO_AGREE} good days; {new} of '
+            'them have passed.'
+        )
+    last = max((n for n, day in enumerate(good) if day.challenged), default=0)
+    grown, awaited = len(good) - 1 - last, (last + 1) / _GROWTH_PARTS
+    if not live:
+        return True, 'no model is live'
+    if grown >= awaited:
+        return True, f'{grown} more good {"day" if grown == 1 else "days"}'
+    shares = {
+        day.name: float(np.nanmean(day.left[day.live] / np.maximum(day.left[NONE], 1e-12)))
+        for day in good
+        if {day.live, NONE} <= day.left.keys()
+    }
+    bad_share = _BAD_RATIO * float(np.median(list(shares.values()) or [1.0]))
+    for day in good[last + 1 :]:
+        if shares.get(day.name, 0.0) > bad_share:
+            return True, f'the live model did badly on {day.name}'
+    more = int(np.ceil(awaited)) - grown
+    return False, (
+        f'No new model was learnt. The next one is learnt after {more} more good '
+        f'{"day" if more == 1 else "days"}, or after a day on which the live model leaves more '
+        f'than {_BAD_RATIO:g} times its usual share of the drift.'
+    )

@@ -11,8 +11,7 @@ from typing import Any
 from wrist_ft_comp import errors
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.jobs.job_process import Learning
-from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
-from wrist_ft_comp.learning.diary import last_change, load_memory, Memory, save_memory
+from wrist_ft_comp.learning import days
 from wrist_ft_comp.node.job_services import Jobs, run_job
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder
@@ -42,9 +41,9 @@ class Learner(Part):
     why_not: str = ''
     #: Why a model could not be made live, or what is remembered could not be saved.
     problem: str = ''
-    memory: Memory = field(default_factory=Memory)
+    memory: days.Memory = field(default_factory=days.Memory)
     #: The days and what is recorded into them; None while nothing is learnt.
-    files: DayFiles | None = None
+    files: days.DayFiles | None = None
     _recording: OwnRecording | None = None
     #: Waits for the job that runs, and when that was started, by the steady clock.
     _judging: Generator[None, None, None] | None = None
@@ -90,16 +89,18 @@ class Learner(Part):
         directory, recorder = self.live.store.directory, self.recorder
         memory, broken = None, ''
         try:
-            memory = load_memory(directory)
+            memory = days.load_memory(directory)
         except errors.StateFileError as error:
             broken = (
                 'The verdict on the newest day and the offered model are lost: '
                 f'{error} The damaged file is kept as learning.json.kept.'
             )
-        self.memory = memory or Memory(self.live.sha256, incident=broken)
+        self.memory = memory or days.Memory(self.live.sha256, incident=broken)
         newest = max(self.memory.judged, day_of_choice(self.live.history))
         most_bytes = 1e6 * chosen['learning.max_mb']
-        self.files = DayFiles(directory, recorder.channels, most_bytes, newest, recorder.sensor)
+        self.files = days.DayFiles(
+            directory, recorder.channels, most_bytes, newest, recorder.sensor
+        )
         self._recording = recorder.begin_recording(self.files, _PAUSE_S)
         self.live.end_day = self._end_day
         if memory is None:
@@ -124,7 +125,7 @@ class Learner(Part):
         if recording.error is not None:
             with suppress(errors.RecordingError):  # what the disk took stays, the rest is lost
                 files.close()
-        elif files.path and time.monotonic() - recording.came_s > SILENCE_NS / NANOSECONDS:
+        elif files.path and time.monotonic() - recording.came_s > days.SILENCE_NS / NANOSECONDS:
             files.leave()
         if self.hub.running_s('~/calibrate') is not None:
             self._end_job()  # a person's goes first; the day is judged afterwards
@@ -134,12 +135,12 @@ class Learner(Part):
         elif time.monotonic() >= self._wait_until:
             self._wait_until = time.monotonic() + _LOOK_S
             # A job starts where the newest day is not judged; without room, once per day.
-            days = files.ended()
-            newest = days[-1].name if days else ''
+            ended = files.ended()
+            newest = ended[-1].name if ended else ''
             is_judged_last = files.full and newest not in {'', self._judged_last}
             if newest > self.memory.judged or is_judged_last:
                 self._begun_s = time.monotonic()
-                self._judged_last, self._judging = newest, self._judge(days)
+                self._judged_last, self._judging = newest, self._judge(ended)
         memory = self.memory
         if self.mode == 'auto' and not memory.paused and memory.offered not in {'', self._failed}:
             try:
@@ -158,12 +159,12 @@ class Learner(Part):
             changes |= {'judged': judged, 'paused': '', 'incident': ''}
         self._remember(**changes)
 
-    def _judge(self, days: Sequence[Path]) -> Generator[None, None, None]:
+    def _judge(self, ended: Sequence[Path]) -> Generator[None, None, None]:
         """Let a job judge the newest day, remember what it says, and offer the model it found."""
-        newest, log = days[-1].name, self.hub.log
+        newest, log = ended[-1].name, self.hub.log
         kept_mb = 0.8 * self.hub.chosen()['learning.max_mb']  # leaves room for the present day
         job = self.jobs.make_job(
-            days, reference='payload', skip_unusable=True,
+            ended, reference='payload', skip_unusable=True,
             learning=Learning(tuple(self.live.history), kept_mb),
         )  # fmt: skip
         try:
@@ -233,7 +234,7 @@ class Learner(Part):
             if is_over and not problem:
                 self.live.store.discard(offered)
 
-        write = partial(save_memory, self.live.store.directory, self.memory)
+        write = partial(days.save_memory, self.live.store.directory, self.memory)
         self.live.writer.put('learning.json', write, note)
 
     def _end_job(self) -> None:
@@ -249,7 +250,7 @@ class Learner(Part):
         numbers = {
             'mode': self.mode,
             'last_day': f'{memory.judged}: {memory.verdict}' if memory.verdict else 'none yet',
-            'last_change': last_change(self.live.history) or 'none yet',
+            'last_change': days.last_change(self.live.history) or 'none yet',
         }
         if memory.offered:
             report = str(self.offered.with_suffix('.html'))

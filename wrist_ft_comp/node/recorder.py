@@ -19,7 +19,7 @@ from wrist_ft_comp.channels import (
     temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.learning.day_files import go_on, span_of
+from wrist_ft_comp.learning.days import go_on, span_of
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
 from wrist_ft_comp.ros.hub import Part, Vector

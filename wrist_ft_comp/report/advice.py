@@ -14,7 +14,7 @@ import numpy as np
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import Recording, Reference, Topics
-from wrist_ft_comp.recordings.bag_topics import survey_bag
+from wrist_ft_comp.recordings.bag import survey_bag
 from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.evaluation import SAME_K
 from wrist_ft_comp.report.verdict import Level

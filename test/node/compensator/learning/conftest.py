@@ -7,7 +7,7 @@ import sys
 from moments import SECOND, START
 import pytest
 
-from wrist_ft_comp.learning import day_files
+from wrist_ft_comp.learning import days
 
 NEEDED = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
 #: Times of days, which are shorter here by this factor: a day has 144 thermal cells of 1 s.
@@ -89,5 +89,5 @@ def learner(rig, tmp_path, monkeypatch):
     monkeypatch.setattr('wrist_ft_comp.node.job_services.COMMAND', command)
     monkeypatch.setattr('wrist_ft_comp.node.learner._LOOK_S', 0.0)
     for name in TIMES:
-        monkeypatch.setattr(day_files, name, getattr(day_files, name) // SHORTER)
+        monkeypatch.setattr(days, name, getattr(days, name) // SHORTER)
     return partial(Learner, rig, tmp_path, [0])

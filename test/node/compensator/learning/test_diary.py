@@ -21,7 +21,7 @@ def test_a_node_writes_what_it_hears_and_a_silence_by_the_clock_ends_the_day(lea
     np.testing.assert_allclose(recording.temperature_c[:, 0], 25 + 0.01 * np.arange(19))
     np.testing.assert_allclose(recording.specific_force[1:], [[0, 0, 9.80665]] * 18, 1e-4)
     np.testing.assert_allclose(recording.rotation_speed[1:], 0.01)
-    monkeypatch.setattr('wrist_ft_comp.node.learner.SILENCE_NS', 0)
+    monkeypatch.setattr('wrist_ft_comp.learning.days.SILENCE_NS', 0)
     node.judged()
     assert [len(job['recordings']) for job in node.asked()] == [1]
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.learning.diary import Memory
+from wrist_ft_comp.learning.days import Memory
 
 #: After all that was heard.
 LATE = 1_800_000_000 * 10**9
