@@ -119,11 +119,11 @@ def test_rows_a_minute_apart_teach_a_model_for_every_second(done, make, warm_up,
     """With cells of a minute, as --thermal-period 60 makes them, 4.6 % are left instead of 0.2."""
     for day, every in enumerate((60, 60, 60, 1)):
         celsius = warm_up(14_400, day, period_s=1.0)
-        drift = 2 * lagged(celsius, 300.0, period_s=1.0)
-        columns = zip(('stamp_s', 'force_z', 'temperature_c'), (range(14_400), drift, celsius))
-        make.csv(
-            tmp_path / f'{day}.csv', {name: list(values)[::every] for name, values in columns}
-        )
+        columns = {
+            'stamp_s': range(0, 14_400, every), 'temperature_c': celsius[::every],
+            'force_z': 2 * lagged(celsius, 300.0, period_s=1.0)[::every],
+        }  # fmt: skip
+        make.csv(tmp_path / f'{day}.csv', columns)
     paths = [tmp_path / f'{day}.csv' for day in range(4)]
     done('calibrate', *paths[:3], '-o', tmp_path / 'm.yaml')
     judged = json.loads(done('evaluate', tmp_path / 'm.yaml', paths[3], '--json'))
