@@ -11,9 +11,9 @@ from geometry_msgs.msg import WrenchStamped
 
 from wrist_ft_comp.channels import LARGEST, SensorNames
 from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.node.calibration_services import Jobs
 from wrist_ft_comp.node.drift_topic import DriftTopic
 from wrist_ft_comp.node.external_wrench import ExternalWrench
-from wrist_ft_comp.node.job_services import Jobs
 from wrist_ft_comp.node.learner import Learner
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.payload_choice import PayloadChoice

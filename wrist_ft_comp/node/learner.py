@@ -12,7 +12,7 @@ from wrist_ft_comp import errors
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.jobs.job_process import Learning
 from wrist_ft_comp.learning import days
-from wrist_ft_comp.node.job_services import Jobs, run_job
+from wrist_ft_comp.node.calibration_services import Jobs, run_job
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder
 from wrist_ft_comp.ros.diagnostics import OK, Status, WARN

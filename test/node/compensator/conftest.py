@@ -302,7 +302,7 @@ def haste(monkeypatch):
     """Let calibrations take the quickest method, and states be saved often."""
     quickest = IdentificationSettings(method='pls')
     settings = partial(CalibrationSettings, identification=quickest)
-    monkeypatch.setattr('wrist_ft_comp.node.job_services.CalibrationSettings', settings)
+    monkeypatch.setattr('wrist_ft_comp.node.calibration_services.CalibrationSettings', settings)
     monkeypatch.setattr('wrist_ft_comp.node.warm_restart.SAVE_PERIOD_S', 0.1)
 
 

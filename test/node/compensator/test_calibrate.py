@@ -11,7 +11,7 @@ import pytest
 from wrist_ft_comp.stored.model_file import load_model
 
 LOAD = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
-COMMAND = 'wrist_ft_comp.node.job_services.COMMAND'
+COMMAND = 'wrist_ft_comp.node.calibration_services.COMMAND'
 
 
 def stream_goes_on(node, second=0):
@@ -119,7 +119,7 @@ def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready, make_mo
         yield
         return {**vars(stored), 'path': str(stored.path), 'message': 'learnt'}
 
-    monkeypatch.setattr('wrist_ft_comp.node.job_services.run_job', find)
+    monkeypatch.setattr('wrist_ft_comp.node.calibration_services.run_job', find)
     node = ready()
     (node.directory / 'active.json').mkdir()
     said = node.call('calibrate')

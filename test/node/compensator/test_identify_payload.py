@@ -7,7 +7,7 @@ from moments import SECOND, START
 import numpy as np
 import pytest
 
-from wrist_ft_comp.node import job_services
+from wrist_ft_comp.node import calibration_services
 from wrist_ft_comp.simulation import robot_at_work
 
 RATE_HZ = 20
@@ -89,7 +89,7 @@ def test_an_identification_needs_specific_force_and_a_drift_model(rig, working):
 def test_a_caller_is_answered_where_an_identification_cannot_go_on(  # noqa: PLR0913, PLR0917
     working, minute, monkeypatch, patience_s, happens, words
 ):
-    monkeypatch.setattr(job_services, '_PATIENCE_S', patience_s)
+    monkeypatch.setattr(calibration_services, '_PATIENCE_S', patience_s)
     answers = working.ask('identify_payload')
     send(working, minute, range(10))
     happens(working.node)

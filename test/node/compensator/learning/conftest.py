@@ -86,7 +86,7 @@ class Learner:
 def learner(rig, tmp_path, monkeypatch):
     """Start nodes that learn, all with the same data_directory."""
     command = (sys.executable, '-c', JOB, str(tmp_path))
-    monkeypatch.setattr('wrist_ft_comp.node.job_services.COMMAND', command)
+    monkeypatch.setattr('wrist_ft_comp.node.calibration_services.COMMAND', command)
     monkeypatch.setattr('wrist_ft_comp.node.learner._LOOK_S', 0.0)
     for name in TIMES:
         monkeypatch.setattr(days, name, getattr(days, name) // SHORTER)

@@ -1,4 +1,4 @@
-"""What runs in a process of its own: how jobs are made and awaited, and the parts that ask."""
+"""The parts that answer ~/calibrate and ~/identify_payload, by jobs in a process of their own."""
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
