@@ -76,12 +76,14 @@ def test_the_friction_of_a_sander_in_circles_is_no_weight():
         assert check.found == ''
 
 
-def test_a_tool_that_turns_about_one_level_axis_says_that_specific_force_stands_still():
-    rng, check, weight = np.random.default_rng(0), WeightCheck('tool'), [0, 0, 19.6, 0, 0, 0]
+@pytest.mark.parametrize('leans_deg', [0, 15, 45])
+def test_a_tool_that_turns_about_one_axis_says_that_specific_force_stands_still(leans_deg):
+    rng, check = np.random.default_rng(0), WeightCheck('tool')
+    weight_n = Rotation.from_euler('y', leans_deg, degrees=True).apply([0, 0, 19.6])
     for second in np.arange(0.0, 60.0, 1.01):
         turn = Rotation.from_euler('x', 90 * np.sin(second / 7), degrees=True)
-        force_n = turn.apply(weight[:3]) + rng.normal(0, 0.05, 3)
-        check.add(np.append(force_n, np.zeros(3)), np.array(weight))
+        force_n = turn.apply(weight_n) + rng.normal(0, 0.05, 3)
+        check.add(np.append(force_n, np.zeros(3)), np.append(weight_n, np.zeros(3)))
     assert 'or stands still' in check.found
 
 
@@ -92,6 +94,22 @@ def test_names_that_change_do_not_put_off_that_a_weight_is_hidden(every_s):
         if second % every_s == 0:
             check.expect(float(second), -1.0)
         assert check.look(float(second), -1.0, -weight_n, weight_n) == (second > 10)
+
+
+def test_each_tare_of_a_weight_that_has_no_name_yet_is_said():
+    check, weight_n = HiddenWeight(), np.array([0.0, 0.0, -11.8])
+    for tared_s in (0.0, 100.0, 200.0):
+        check.expect(tared_s + 5, tared_s)
+        looks = [check.look(tared_s + s, tared_s, -weight_n, weight_n) for s in range(5, 60)]
+        assert any(looks)
+
+
+def test_touches_with_a_payload_that_is_a_quarter_lighter_than_was_said_hide_nothing():
+    check, weight_n = HiddenWeight(), np.array([0.0, 0.0, -11.8])
+    check.expect(0.0, -1.0)
+    for second in range(300):
+        rest_n = -0.25 * weight_n + [0.0, 0.0, 8.0 * (second % 30 > 25)]
+        assert not check.look(float(second), -1.0, rest_n, weight_n)
 
 
 def test_a_sensor_of_forces_alone_has_no_centre_of_mass():

@@ -13,7 +13,6 @@ from wrist_ft_comp.fit import settings
 from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.recording import PERIODS_S
-from wrist_ft_comp.recordings.read import period_of
 from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
@@ -57,13 +56,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.output, *others])
     identification = settings.IdentificationSettings(arguments.method, features=arguments.features)
-    # A payload is found where most cells hold a reading, and other methods are slow.
-    filled = arguments.reference == 'payload' or arguments.method != 'auto'
     job = CalibrationJob(
         tuple(arguments.recordings), arguments.output,
         settings.CalibrationSettings(
             arguments.reference or 'unloaded', identification=identification),
-        arguments.thermal_period or period_of(arguments.recordings, topics, filled=filled),
+        arguments.thermal_period or 0.0,
         topics, report=arguments.report)  # fmt: skip
     with progress_bar('calibrating') as progress:
         calibration, content = run_job(job, progress)

@@ -12,7 +12,7 @@ from wrist_ft_comp.fit.outliers_and_steps import false_starts
 from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.recordings.read import hash_recording, read_recording
+from wrist_ft_comp.recordings.read import hash_recording, period_of, read_recording
 from wrist_ft_comp.report.report_content import calibration_content, ReportContent
 from wrist_ft_comp.series import part_of, Progress
 from wrist_ft_comp.stored.model_file import save_model
@@ -26,6 +26,11 @@ def run_job(
     recordings: list[Recording] = []
     paths: dict[str, Path] = {}
     left_out: list[str] = []
+    if not job.period_s:
+        # A payload is found where most cells hold a reading, and other methods are slow.
+        asked = job.settings
+        filled = asked.reference == 'payload' or asked.identification.method != 'auto'
+        job = replace(job, period_s=period_of(job.recordings, job.topics, filled=filled))
     for number, path in enumerate(job.recordings):
         part = part_of(progress, number, 2 * len(job.recordings))
         try:

@@ -61,7 +61,7 @@ class CalibrationJob:
     #: Model file to make or replace.
     output: Path
     settings: CalibrationSettings = field(default_factory=CalibrationSettings)
-    #: Thermal period h, s.
+    #: Thermal period h, s; 0 takes what fits the recordings.
     period_s: float = 1.0
     topics: Topics = field(default_factory=Topics)
     #: Leave out, with a warning, recordings that cannot be read, have other thermometers than

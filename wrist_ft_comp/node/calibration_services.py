@@ -109,7 +109,7 @@ class Jobs(Part):
                 'with ~/record, or set calibration.recordings.'
             )
         job = self.make_job(recordings, skip_unusable=not named)
-        return replace(job, period_s=self.recorder.period_s)  # not the live model's
+        return replace(job, period_s=0.0 if named else self.recorder.period_s)
 
     @service(
         '~/identify_payload',

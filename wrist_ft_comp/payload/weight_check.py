@@ -143,15 +143,11 @@ class WeightCheck:
         best = max(np.abs(distances / radius_n - 1) < _THICK, key=np.mean)
         if best.mean() < _ON_SPHERE:
             return False
-        # One circle, as of the friction of a sander, lies on spheres of every larger radius; a
-        # turn about a level axis is one of the radius itself.
-        apart = points[best] - points[best].mean(axis=0)
-        _, spread, directions = np.linalg.svd(apart)
-        flat = apart @ directions[:2].T
-        rows = np.column_stack((2 * flat, np.ones(len(flat))))
-        *center, rest = np.linalg.lstsq(rows, np.sum(flat**2, axis=1), rcond=None)[0]
-        circle_n = np.sqrt(max(rest + np.sum(np.square(center)), 0.0))
-        return bool(spread[-1] >= _MOVED_N or abs(circle_n / radius_n - 1) < _THICK)
+        # One circle, as of the friction of a sander, lies on spheres of every larger radius; that
+        # of a weight, where the tare was right, on the one around zero.
+        spread = np.linalg.svd(points[best] - points[best].mean(axis=0))[1]
+        around_zero = np.abs(np.linalg.norm(points[best], axis=1) / radius_n - 1) < _THICK
+        return bool(spread[-1] >= _MOVED_N or around_zero.mean() >= _ON_SPHERE)
 
     def _is_against(self) -> bool | None:
         """
@@ -309,7 +305,7 @@ class HiddenWeight:
     def expect(self, now_s: float, tared_s: float) -> None:
         """Take that a payload is active from now on, and was not at the tare."""
         if self._shown_s <= tared_s:
-            self._hidden_s = min(self._hidden_s, now_s)
+            self._hidden_s = now_s if self._hidden_s < tared_s else min(self._hidden_s, now_s)
 
     def look(self, now_s: float, tared_s: float, rest_n: FloatArray, weight_n: FloatArray) -> bool:
         """Take the force without the weight, and the weight, (3,); True where it is hidden."""
@@ -318,6 +314,8 @@ class HiddenWeight:
             self._hidden_s, self._shown_s = math.inf, now_s
         elif tared_s > self._hidden_s:
             self._hidden_s = math.inf
+        elif 2 * off_n < size_n:
+            self._hidden_s = max(self._hidden_s, now_s)
         return now_s - self._hidden_s > _SHOWN_S and 2 * off_n >= size_n
 
 

@@ -92,9 +92,11 @@ class ThermalGrid:
         """Take a sample of a thermometer, from 0; give the cells that it completed."""
         cell, done = stamp_ns // self.period_ns, list[ThermalCell]()
         if len(self._newest) == self._thermometers:  # all have reported
-            if cell < self._next:
-                self.rejected += 1
-                return []
+            if cell < self._next:  # late, but newer than what is held: of the next cell
+                if cell <= self._held_from[thermometer]:
+                    self.rejected += 1
+                    return []
+                cell = int(self._next)
             if cell > max(self._newest.values()) + self._outage:
                 done, self._first = self._complete(cell), {}
         if (spacing := cell - self._newest.get(thermometer, cell)) > 0:

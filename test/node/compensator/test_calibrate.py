@@ -75,6 +75,15 @@ def test_too_small_a_span_leaves_the_live_model(ready, make_model):
     assert [path.name for path in (node.directory / 'models').iterdir()] == ['live.yaml']
 
 
+def test_logs_that_are_named_get_the_cells_that_the_command_gives_them(ready, make):
+    node = ready()
+    make.csv(node.directory / 'slow.csv', make.drifting(3600, every=10))
+    assert node.set('calibration.recordings', ['slow.csv']).successful
+    answer = node.call('calibrate')
+    assert answer.success, answer.message
+    assert node.node.live.stored.model.period_ns == 10 * SECOND
+
+
 def python(source):
     return sys.executable, '-c', source
 
