@@ -106,8 +106,8 @@ def message(stamp_ns: int, doubles: Sequence[float], frame: bytes = b'tool0\0\0\
 HASTE = """
 from functools import partial
 from wrist_ft_comp.fit.settings import IdentificationSettings
-from wrist_ft_comp.node import calibration_services, warm_restart
-warm_restart.SAVE_PERIOD_S = 0.1
+from wrist_ft_comp.node import calibration_services, state_keeper
+state_keeper.SAVE_PERIOD_S = 0.1
 quickest = IdentificationSettings(method='pls')
 quick = partial(calibration_services.CalibrationSettings, identification=quickest)
 calibration_services.CalibrationSettings = quick

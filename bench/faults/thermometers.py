@@ -28,7 +28,7 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.drift_of_recordings import judge, simulate_drift
-from wrist_ft_comp.stream.temperature_gaps import reporting_cells
+from wrist_ft_comp.stream.gaps_and_restarts import reporting_cells
 
 COUNTS = (2, 3, 4)
 FAMILIES |= {f'lying_{count}': Family('failing thermometers', count, 3) for count in COUNTS}

@@ -16,7 +16,7 @@ from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.drift_uncertainty import Uncertainty
 from wrist_ft_comp.stream.failed_thermometers import ThermometerState
-from wrist_ft_comp.stream.temperature_gaps import Block, ThermalMemory
+from wrist_ft_comp.stream.gaps_and_restarts import Block, ThermalMemory
 from wrist_ft_comp.stream.temperature_jumps import Jump
 
 number = st.floats(-1e99, 1e99)

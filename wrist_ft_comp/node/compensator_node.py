@@ -20,9 +20,9 @@ from wrist_ft_comp.node.payload_choice import PayloadChoice
 from wrist_ft_comp.node.raw_wrench import Counts, is_silent, WrenchInput
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.node.tare import TareService
+from wrist_ft_comp.node.state_keeper import StateKeeper
+from wrist_ft_comp.node.tare_services import TareService
 from wrist_ft_comp.node.temperature_topics import TemperatureInput, Thermometer
-from wrist_ft_comp.node.warm_restart import StateKeeper
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.ros.diagnostics import ERROR
 from wrist_ft_comp.ros.hub import Hub, Part

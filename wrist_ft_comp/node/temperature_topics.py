@@ -11,7 +11,7 @@ from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.raw_wrench import age
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.node.warm_restart import StateKeeper
+from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.ros import topics as ros_topics
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub, Part
@@ -19,7 +19,7 @@ from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.drift_warnings import frozen_doubts, gap_doubts, seldom_doubts
-from wrist_ft_comp.stream.temperature_gaps import OUTAGE_S
+from wrist_ft_comp.stream.gaps_and_restarts import OUTAGE_S
 from wrist_ft_comp.units import other_unit, UNIT_REMEDY
 from wrist_ft_comp.wire import numbers_in_messages as in_messages
 from wrist_ft_comp.wire.cdr import DOUBLES, RecentFrames, TEMPERATURE

@@ -1,7 +1,7 @@
 """
 Whether the samples of a recording can be used: refusals and doubts; then means on thermal cells.
 
-What no sensor measures is dropped and counted, by the limits of the node; ``temperature_gaps``
+What no sensor measures is dropped and counted, by the limits of the node; ``gaps_and_restarts``
 fills the cells without a sample.
 """
 
@@ -19,7 +19,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import PERIODS_S, Recording, Samples
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import in_order, NO_TIME, SAME_CLOCK_S
-from wrist_ft_comp.stream.temperature_gaps import fill_gaps
+from wrist_ft_comp.stream.gaps_and_restarts import fill_gaps
 from wrist_ft_comp.stream.temperature_jumps import SpikeFilter
 from wrist_ft_comp.units import UNIT_REMEDY
 

@@ -14,7 +14,7 @@ from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.safe_file import Kind, MAKE_ROOM, to_plain
 from wrist_ft_comp.stream import failed_thermometers
 from wrist_ft_comp.stream.failed_thermometers import ThermometerState
-from wrist_ft_comp.stream.temperature_gaps import ThermalMemory
+from wrist_ft_comp.stream.gaps_and_restarts import ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
 KIND = Kind(

@@ -1,1 +1,1 @@
-"""One sensor, live or replayed; read ``compensator``, ``drift_tracker``, ``temperature_gaps``."""
+"""One sensor, live or replayed; read ``compensator``, ``drift_tracker``, ``gaps_and_restarts``."""

@@ -17,8 +17,8 @@ from wrist_ft_comp.stream.drift_limits import axis_limits, Limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.drift_uncertainty import SPAN_S
 from wrist_ft_comp.stream.exchanged_thermometers import exchanged_by_jumps
+from wrist_ft_comp.stream.gaps_and_restarts import ThermalMemory
 from wrist_ft_comp.stream.tare import early_tare_doubts, tare_doubts, usual_silences_ns
-from wrist_ft_comp.stream.temperature_gaps import ThermalMemory
 from wrist_ft_comp.stream.thermal_cells import ThermalCell
 
 #: A tare jumps to the end of a ramp that moves the drift by more than this, N.

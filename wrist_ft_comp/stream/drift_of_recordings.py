@@ -14,7 +14,7 @@ from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream import exchanged_thermometers, failed_thermometers
 from wrist_ft_comp.stream.failed_thermometers import ThermometerState
-from wrist_ft_comp.stream.temperature_gaps import longest_gap_s, reporting_cells
+from wrist_ft_comp.stream.gaps_and_restarts import longest_gap_s, reporting_cells
 
 #: Ends of a recording's cells, and of the one after the last, ns, (N + 1,), and the drift at them,
 #: (N + 1, 6); it is linear between them.
@@ -25,7 +25,7 @@ def simulate_drift(
     model: DriftModel, recording: Recording, before: Recording | None = None
 ) -> Drift:
     """
-    Run the model freely over a recording, from rest and over gaps (``temperature_gaps``): (N, 6).
+    Run the model freely over a recording, from rest and over gaps (``gaps_and_restarts``): (N, 6).
 
     It starts from rest in the recording ``before``, of the same thermometers and period, where
     this one goes on with that.

@@ -10,12 +10,12 @@ from wrist_ft_comp.stream import (
     drift_uncertainty,
     exchanged_thermometers,
     failed_thermometers,
-    temperature_gaps,
+    gaps_and_restarts,
 )
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
 from wrist_ft_comp.stream.drift_uncertainty import span_cells, SPAN_S, Uncertainty
 from wrist_ft_comp.stream.failed_thermometers import ThermometerState
-from wrist_ft_comp.stream.temperature_gaps import ThermalMemory, why_forgotten
+from wrist_ft_comp.stream.gaps_and_restarts import ThermalMemory, why_forgotten
 from wrist_ft_comp.stream.temperature_jumps import FASTEST_K_S, Jump, JUMP_K, SpikeFilter
 from wrist_ft_comp.stream.thermal_cells import ThermalCell, ThermalGrid
 
@@ -37,7 +37,7 @@ class DriftTracker:
     def __init__(self, thermometers: int, period_ns: int, patience_s: float) -> None:
         self.model: DriftModel | None = None
         #: For how long the model remembers a temperature, s.
-        self.memory_s = temperature_gaps.longest_gap_s(None)
+        self.memory_s = gaps_and_restarts.longest_gap_s(None)
         #: Of the last completed cell, °C, shape (J,): as it is believed, and as it was read.
         self.temperature_c: FloatArray | None = None
         self.reading_c: FloatArray | None = None
@@ -152,7 +152,7 @@ class DriftTracker:
         gap_s = 2.0 * self.memory_s if why else gap_s
         # A pause of thermometers that report seldom is none.
         usual_s = 2 * period_s * max(map(self.grid.spacing, range(self._count)))
-        is_long = gap_s > max(temperature_gaps.LEAST_GAP_S, usual_s)
+        is_long = gap_s > max(gaps_and_restarts.LEAST_GAP_S, usual_s)
         is_doubtful = not goes_on or is_long
         gap = max(gap, 0) if goes_on else 0
 
@@ -193,7 +193,7 @@ class DriftTracker:
         if gap and self.temperature_c is not None:
             line_c = np.linspace(self.temperature_c, believed_c, gap + 2)[1:].astype(float)
         missing = is_long & (np.arange(len(line_c)) < len(line_c) - 1)
-        most = max(round(temperature_gaps.MOST_GAP_S / period_s), 1)
+        most = max(round(gaps_and_restarts.MOST_GAP_S / period_s), 1)
         self.history_c = np.concatenate((self.history_c, line_c))[-most:]
         self._missing = np.concatenate((self._missing, missing))[-most:]
         self.temperature_c, self.reading_c = believed_c, cell.temperature_c
@@ -318,7 +318,7 @@ class DriftTracker:
                 self.grid.go_on(self._next, self.reading_c.tolist(), silent)
         was_live = self.model is not None
         self.model, self.state, self.awaited, self._exchanged = model, None, None, {}
-        self.memory_s = temperature_gaps.longest_gap_s(model)
+        self.memory_s = gaps_and_restarts.longest_gap_s(model)
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
         self.drift = no_drift()
         self._start_c = np.zeros((0, self._count))
@@ -354,7 +354,7 @@ class DriftTracker:
         return ThermalMemory(
             self.end_ns, period_ns, self.reading_c, self.grid.silent(self.end_ns // period_ns),
             self.state, compensation, self._start_c,
-            temperature_gaps.blocks_of(self.history_c, period_ns), self.thermometers,
+            gaps_and_restarts.blocks_of(self.history_c, period_ns), self.thermometers,
             self.uncertainty, tuple(spikes.jump for spikes in self.spikes))  # fmt: skip
 
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:

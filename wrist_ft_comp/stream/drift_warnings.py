@@ -16,7 +16,7 @@ from wrist_ft_comp.stream import exchanged_thermometers, failed_thermometers
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.drift_uncertainty import doubt_start
-from wrist_ft_comp.stream.temperature_gaps import longest_gap_s, OUTAGE_S
+from wrist_ft_comp.stream.gaps_and_restarts import longest_gap_s, OUTAGE_S
 
 #: Drift that may be off by fewer standard deviations of the model than this is not doubted.
 _CERTAIN = 3.0

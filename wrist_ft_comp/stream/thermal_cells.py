@@ -4,7 +4,7 @@ Averages over thermal cells as a stream: of thermometers, and of the rows of the
 A cell is complete when every thermometer has sent a sample of a later one, or when the others are
 ahead of a silent one by more than the patience; that one's last value is held. Cells in which no
 thermometer was heard are left out: what they were like shows when the gap has ended
-(``temperature_gaps``). The only time is that of stamps, which ascend (``clock``).
+(``gaps_and_restarts``). The only time is that of stamps, which ascend (``clock``).
 """
 
 from collections import deque
@@ -16,7 +16,7 @@ import numpy as np
 
 from wrist_ft_comp.channels import CHANNELS, temperature_channel
 from wrist_ft_comp.series import BoolArray, FloatArray
-from wrist_ft_comp.stream.temperature_gaps import outage_cells
+from wrist_ft_comp.stream.gaps_and_restarts import outage_cells
 
 #: A thermometer reports as often as the least of the times between so many reports says: a gap, or
 #: a report that is missing, makes none seldom.

@@ -288,7 +288,7 @@ def wired(bench, tmp_path, monkeypatch):
 @pytest.fixture(autouse=True)
 def short_patience(monkeypatch):
     """Wait less for the wrenches of a tare, and for callers at the end."""
-    monkeypatch.setattr('wrist_ft_comp.node.tare._PATIENCE_S', TARE_PATIENCE_S)
+    monkeypatch.setattr('wrist_ft_comp.node.tare_services._PATIENCE_S', TARE_PATIENCE_S)
     monkeypatch.setattr('wrist_ft_comp.ros.hub.FAREWELL_S', 0.0)
 
 
@@ -303,7 +303,7 @@ def haste(monkeypatch):
     quickest = IdentificationSettings(method='pls')
     settings = partial(CalibrationSettings, identification=quickest)
     monkeypatch.setattr('wrist_ft_comp.node.calibration_services.CalibrationSettings', settings)
-    monkeypatch.setattr('wrist_ft_comp.node.warm_restart.SAVE_PERIOD_S', 0.1)
+    monkeypatch.setattr('wrist_ft_comp.node.state_keeper.SAVE_PERIOD_S', 0.1)
 
 
 @pytest.fixture

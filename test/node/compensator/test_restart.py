@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.node.raw_wrench import Counts
-from wrist_ft_comp.node.warm_restart import StateKeeper
+from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.stored.safe_file import FileWriter
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings

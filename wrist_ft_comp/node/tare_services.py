@@ -11,7 +11,7 @@ from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.raw_wrench import WrenchInput
-from wrist_ft_comp.node.warm_restart import StateKeeper
+from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.services import service, warned, Work

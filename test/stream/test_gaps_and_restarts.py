@@ -11,7 +11,7 @@ from wrist_ft_comp.drift.drift_model import ThermometerPrediction
 from wrist_ft_comp.stored.state_file import belongs_to, load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.drift_warnings import gap_doubts
-from wrist_ft_comp.stream.temperature_gaps import longest_gap_s
+from wrist_ft_comp.stream.gaps_and_restarts import longest_gap_s
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
