@@ -152,17 +152,19 @@ def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, pair
             assert f'{path.name} has 1 thermometers, the model expects 2. {words}' in sentence
 
 
-@pytest.mark.parametrize(('room_c', 'begins_s', 'is_warm'), [
-    (20.0, 0, False), (30.0, 0, False), (20.0, 1500, True), (20.0, 3600, True),
-], ids=['cold', 'soaked in a warm room', 'warms', 'hot'])  # fmt: skip
+@pytest.mark.parametrize(('room_c', 'begins_s', 'noise_k', 'is_warm'), [
+    (20.0, 0, 0, False), (30.0, 0, 0, False), (20.0, 1500, 0, True), (20.0, 3600, 0, True),
+    (20.0, 0, 0.3, False),
+], ids=['cold', 'soaked in a warm room', 'warms', 'hot', 'a noisy thermometer'])  # fmt: skip
 def test_a_recording_that_begins_on_a_warm_robot_is_doubted(  # noqa: PLR0913, PLR0917
-    room_c, begins_s, is_warm, run, make, make_model, save, lagged, tmp_path
+    room_c, begins_s, noise_k, is_warm, run, make, make_model, save, lagged, tmp_path
 ):
     model = make_model({'force_z': (0.4, 0.0, 900.0)}, range_c=(20.0, 60.0))
     path = save(tmp_path / 'model.yaml', model).path
     t = np.arange(9000.0)
     celsius = room_c + lagged(25.0 * ((t > 600) & (t < 4200)), 300, period_s=1.0)
     force = 0.4 * lagged(celsius, 900, period_s=1.0)
+    celsius += np.random.default_rng(6).normal(0, noise_k, len(t))
     columns = {'stamp_s': t, 'temperature_c': celsius, 'force_z': force}
     columns = {name: column[begins_s:] for name, column in columns.items()}
     day = make.csv(tmp_path / 'day.csv', columns)

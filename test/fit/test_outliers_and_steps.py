@@ -72,6 +72,7 @@ CELL = np.arange(CELLS)
     *(CELL % every_s > 0 for every_s in (5, 20, 31, 60)), abs(CELL - 2025) <= 20,
     abs(CELL - 1975) <= 20, (CELL >= 1970) & (CELL < 2040) & (abs(CELL - 2004) > 1),
     (CELL[:, np.newaxis] >= 1800) & (np.arange(6) == 3),
+    (CELL[:, np.newaxis] < 900) & (np.arange(6) == 2),
 ])  # fmt: skip
 def test_a_step_is_found_once_among_few_wrenches_and_beside_pauses(day, away, size):
     made, plain = day(add=stepped((2000, size))), day()
@@ -119,6 +120,13 @@ def test_a_robot_that_swings_is_said_to_move(day, period_s):
     swings = [8.0 * np.sin(2 * np.pi * (np.arange(CELLS) / period_s + 0.3 * n)) for n in (0, 1)]
     said = ' '.join(calibrate([day(n, swing) for n, swing in enumerate(swings)]).warnings)
     assert re.search(r'force_z \d\.?\d* N\. The load was declared unloaded: did the robot', said)
+
+
+@pytest.mark.parametrize('tare', [0.0, -80.0])
+def test_a_tare_does_not_hide_that_something_vibrates(day, tare):
+    vibrates = np.random.default_rng(0).normal(0, 3.0, CELLS)
+    _, (said, *_) = segment([day(add=vibrates + stepped((1800, tare)))], 'unloaded')
+    assert said.startswith('day0.csv swings around its levels of 120 s, RMS: force_z by 3')
 
 
 def test_a_recording_that_steps_all_the_time_is_refused(day):

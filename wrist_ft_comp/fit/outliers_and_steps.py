@@ -53,8 +53,14 @@ def segment(recordings: Sequence[Recording], reference: Reference) -> Cleaned:
     segmented, sentences = list[Recording](), list[str]()
     for recording in recordings:
         still, outliers = _without_outliers(recording, reference)
-        still, steps = _without_steps(still)
-        sentences += outliers + steps
+        sentences += outliers
+        # An axis that fell silent, or is read seldom, would hide what the others do.
+        read = np.isfinite(still.wrench).sum(axis=0)
+        while (most := read.max()) > 0:
+            group = read >= (1 - MOST_LEFT_OUT) * most
+            still, steps = _without_steps(still, np.flatnonzero(group).tolist())
+            sentences += steps
+            read[group] = 0
         segmented.append(still)
     return segmented, sentences
 
@@ -110,7 +116,9 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
             outlying = touched
         moving = MOVING[axis_unit(axis)]
         scatter = float(np.sqrt(np.mean(distance[~outlying] ** 2)))
-        if scatter > max(moving, _STEP_SHARE * np.ptp(level)):
+        moves = np.diff(level)  # what jumps is a tare, and no drift
+        drift = np.ptp(np.cumsum(np.where(np.abs(moves) < above_noise, moves, 0.0)))
+        if scatter > max(moving, _STEP_SHARE * drift):
             swings.append(f'{axis} by {rounded(scatter, 2)} {axis_unit(axis)}')
         cells = at[outlying]
         if not len(cells):
@@ -180,12 +188,9 @@ def _steps_in_gaps(
     return steps
 
 
-def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
+def _without_steps(recording: Recording, columns: list[int]) -> tuple[Recording, list[str]]:
     noise_of = np.array([_noise(values) for values in recording.wrench.T])
-    # An axis that fell silent would hide what the others do.
-    read = np.isfinite(recording.wrench).sum(axis=0)
-    nearly_all = read >= (1 - MOST_LEFT_OUT) * read.max()
-    columns = np.flatnonzero((noise_of > 0) & nearly_all).tolist()
+    columns = [column for column in columns if noise_of[column] > 0]
     noise = noise_of[columns]
     raw = recording.wrench[:, columns]
     counts = np.asarray(np.isfinite(raw).all(axis=1))
@@ -240,4 +245,4 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
             f'{recording.name} steps at {time_in(recording, cell)}: {sizes}. A new segment '
             'begins there, as after a tare.'
         )
-    return replace(recording, wrench=wrench, steps=tuple(cells)), sentences
+    return replace(recording, wrench=wrench, steps=(*recording.steps, *cells)), sentences

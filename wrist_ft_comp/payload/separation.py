@@ -109,7 +109,7 @@ def separate(recordings: Sequence[Recording]) -> Separation:
             f'Only {cells.usable.sum()} thermal cells of {", ".join(r.name for r in recordings)} '
             f'have wrench and specific force while the robot turns slowly; at least {least} are '
             'needed for the reference payload. Record both at the same time, and more often than '
-            'in each thermal cell, or set a longer thermal period.'
+            'in each thermal cell, or calibrate with a longer --thermal-period.'
         )
     fit, no_steps = mounted_payloads.find_states(cells), [list[Step]() for _ in recordings]
     start = Separation(list(recordings), [], accelerometer, cells, fit, no_steps)

@@ -193,7 +193,9 @@ def find_header(as_written: Sequence[str], columns_before: int, table: str) -> H
     widest = max(map(len, rows[:first]), default=width)
     has_points = any('.' in cell for row in last for cell in row if NUMBER.fullmatch(cell))
     filled = max((k + 1 for k, cells in enumerate(columns) if any(cells)), default=0)
-    if names and delimiter == ',' and widest < filled - 1 and not has_points:
+    # A decimal comma makes two cells of one.
+    are_cut = delimiter == ',' and not has_points and widest + 1 < filled <= 2 * widest
+    if names and are_cut:
         raise RecordingError(
             f'Rows of {table} have {width} cells below {widest} names, and no decimal points. If '
             'its decimal signs are commas, save it with points, or with semicolons between '

@@ -7,7 +7,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import DriftModel, DriftState
-from wrist_ft_comp.series import FloatArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, NANOSECONDS, noise_level
 
 #: Temperatures that move by less over SPAN_S stand still, K: rooms, or rounding, move by 0.1.
 _MOVES_K = 0.15
@@ -112,7 +112,9 @@ def doubt_start(
         start_c = start_c - slope_k * np.arange(len(start_c))[:, np.newaxis]
     some = max(len(start_c) // 6, 1)
     moved_k = start_c[-some:].mean(axis=0) - start_c[:some].mean(axis=0)
-    rates_k = [np.where(np.abs(moved_k) < _MOVES_K, 0.0, moved_k) / max(len(start_c) - some, 1)]
+    noise_k = np.array([noise_level([column]) for column in start_c.T]) * np.sqrt(2 / some)
+    is_still = np.abs(moved_k) < np.maximum(_MOVES_K, 3 * noise_k)
+    rates_k = [np.where(is_still, 0.0, moved_k) / max(len(start_c) - some, 1)]
     remembered = max(round(memory_s * NANOSECONDS / model.period_ns), 1)
     coldest_c = np.minimum(warmest_room_c(model), start_c[0])
     if slope_k is None:
