@@ -135,6 +135,14 @@ def test_a_recording_that_steps_all_the_time_is_refused(day):
         segment([day(add=stepped(*steps))], 'unloaded')
 
 
+def test_a_loose_wire_of_one_axis_is_no_fault_of_the_others(day):
+    made, rng = day(), np.random.default_rng(0)
+    levels = np.repeat(rng.normal(0, 5, 15), 250)[:CELLS]
+    made.wrench[:, 5] = np.where(CELL % 250 < 220, levels + rng.normal(0, 0.01, CELLS), np.nan)
+    ((found,), sentences) = segment([made], 'unloaded')
+    assert (found.steps, sentences) == ((), [])
+
+
 def test_heat_rounding_and_dead_axes_are_no_steps(day):
     heat = 4.0 * (1 - np.exp(-np.maximum(np.arange(CELLS) - 1500, 0) / 60.0))
     coarse = day()

@@ -76,13 +76,13 @@ def test_the_friction_of_a_sander_in_circles_is_no_weight():
         assert check.found == ''
 
 
-@pytest.mark.parametrize('leans_deg', [0, 15, 45])
-def test_a_tool_that_turns_about_one_axis_says_that_specific_force_stands_still(leans_deg):
+@pytest.mark.parametrize(('leans_deg', 'tare_n'), [(0, 0.0), (15, 0.0), (45, 0.0), (0, 5.0)])
+def test_a_tool_that_turns_about_one_axis_says_that_specific_force_stands_still(leans_deg, tare_n):
     rng, check = np.random.default_rng(0), WeightCheck('tool')
     weight_n = Rotation.from_euler('y', leans_deg, degrees=True).apply([0, 0, 19.6])
     for second in np.arange(0.0, 60.0, 1.01):
         turn = Rotation.from_euler('x', 90 * np.sin(second / 7), degrees=True)
-        force_n = turn.apply(weight_n) + rng.normal(0, 0.05, 3)
+        force_n = turn.apply(weight_n) + tare_n + rng.normal(0, 0.05, 3)
         check.add(np.append(force_n, np.zeros(3)), np.append(weight_n, np.zeros(3)))
     assert 'or stands still' in check.found
 
@@ -104,12 +104,17 @@ def test_each_tare_of_a_weight_that_has_no_name_yet_is_said():
         assert any(looks)
 
 
-def test_touches_with_a_payload_that_is_a_quarter_lighter_than_was_said_hide_nothing():
+@pytest.mark.parametrize(('rest_n', 'other_n', 'every_s', 'is_said'), [
+    (3.0, 8.0, 30, False), (11.8, -9.0, 8, True), (11.8, -9.0, 12, True),
+], ids=['touches, and a mass a quarter off', 'parts of 9 N', 'parts at times'])  # fmt: skip
+def test_neither_touches_nor_parts_hide_whether_a_weight_shows(rest_n, other_n, every_s, is_said):
     check, weight_n = HiddenWeight(), np.array([0.0, 0.0, -11.8])
     check.expect(0.0, -1.0)
+    said = False
     for second in range(300):
-        rest_n = -0.25 * weight_n + [0.0, 0.0, 8.0 * (second % 30 > 25)]
-        assert not check.look(float(second), -1.0, rest_n, weight_n)
+        left_n = rest_n + other_n * (second % every_s > every_s - 5)
+        said |= check.look(float(second), -1.0, np.array([0.0, 0.0, left_n]), weight_n)
+    assert said == is_said
 
 
 def test_a_sensor_of_forces_alone_has_no_centre_of_mass():

@@ -58,9 +58,14 @@ def segment(recordings: Sequence[Recording], reference: Reference) -> Cleaned:
         read = np.isfinite(still.wrench).sum(axis=0)
         while (most := read.max()) > 0:
             group = read >= (1 - MOST_LEFT_OUT) * most
-            still, steps = _without_steps(still, np.flatnonzero(group).tolist())
-            sentences += steps
             read[group] = 0
+            try:
+                still, steps = _without_steps(still, np.flatnonzero(group).tolist())
+            except CalibrationRefusedError:
+                if most == np.isfinite(still.wrench).sum(axis=0).max():
+                    raise
+                continue  # a loose wire of one axis is no fault of the others
+            sentences += steps
         segmented.append(still)
     return segmented, sentences
 

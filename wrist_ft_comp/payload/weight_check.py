@@ -144,10 +144,17 @@ class WeightCheck:
         if best.mean() < _ON_SPHERE:
             return False
         # One circle, as of the friction of a sander, lies on spheres of every larger radius; that
-        # of a weight, where the tare was right, on the one around zero.
-        spread = np.linalg.svd(points[best] - points[best].mean(axis=0))[1]
+        # of a weight, where the tare was right, on the one around zero, and that of a turn about
+        # a level axis, whatever the tare, is one of the radius itself.
+        apart = points[best] - points[best].mean(axis=0)
+        _, spread, directions = np.linalg.svd(apart)
+        flat = apart @ directions[:2].T
+        rows = np.column_stack((2 * flat, np.ones(len(flat))))
+        *center, rest = np.linalg.lstsq(rows, np.sum(flat**2, axis=1), rcond=None)[0]
+        circle_n = np.sqrt(max(rest + np.sum(np.square(center)), 0.0))
         around_zero = np.abs(np.linalg.norm(points[best], axis=1) / radius_n - 1) < _THICK
-        return bool(spread[-1] >= _MOVED_N or around_zero.mean() >= _ON_SPHERE)
+        is_of_weight = abs(circle_n / radius_n - 1) < _THICK or around_zero.mean() >= _ON_SPHERE
+        return bool(spread[-1] >= _MOVED_N or is_of_weight)
 
     def _is_against(self) -> bool | None:
         """
@@ -301,6 +308,7 @@ class HiddenWeight:
         #: Since when the weight of a payload has not shown, and when one did last, which proves
         #: the tare.
         self._hidden_s, self._shown_s = math.inf, -math.inf
+        self._looked_s = -math.inf
 
     def expect(self, now_s: float, tared_s: float) -> None:
         """Take that a payload is active from now on, and was not at the tare."""
@@ -314,8 +322,9 @@ class HiddenWeight:
             self._hidden_s, self._shown_s = math.inf, now_s
         elif tared_s > self._hidden_s:
             self._hidden_s = math.inf
-        elif 2 * off_n < size_n:
-            self._hidden_s = max(self._hidden_s, now_s)
+        elif 2 * off_n < size_n and self._hidden_s < now_s:  # a part is carried, or it is free
+            self._hidden_s += 1.5 * (now_s - max(self._looked_s, self._hidden_s))
+        self._looked_s = now_s
         return now_s - self._hidden_s > _SHOWN_S and 2 * off_n >= size_n
 
 

@@ -112,9 +112,11 @@ def doubt_start(
         start_c = start_c - slope_k * np.arange(len(start_c))[:, np.newaxis]
     some = max(len(start_c) // 6, 1)
     moved_k = start_c[-some:].mean(axis=0) - start_c[:some].mean(axis=0)
-    noise_k = np.array([noise_level([column]) for column in start_c.T]) * np.sqrt(2 / some)
+    rate_k = moved_k / max(len(start_c) - some, 1)
+    rests_k = start_c - rate_k * np.arange(len(start_c))[:, np.newaxis]
+    noise_k = np.array([noise_level([column]) for column in rests_k.T]) * np.sqrt(2 / some)
     is_still = np.abs(moved_k) < np.maximum(_MOVES_K, 3 * noise_k)
-    rates_k = [np.where(is_still, 0.0, moved_k) / max(len(start_c) - some, 1)]
+    rates_k = [np.where(is_still, 0.0, rate_k)]
     remembered = max(round(memory_s * NANOSECONDS / model.period_ns), 1)
     coldest_c = np.minimum(warmest_room_c(model), start_c[0])
     if slope_k is None:
