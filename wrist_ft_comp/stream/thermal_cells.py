@@ -93,7 +93,8 @@ class ThermalGrid:
         cell, done = stamp_ns // self.period_ns, list[ThermalCell]()
         if len(self._newest) == self._thermometers:  # all have reported
             if cell < self._next:  # late, but newer than what is held: of the next cell
-                if cell <= self._held_from[thermometer]:
+                oldest = max(self._held_from[thermometer] + 1, self._next - self._outage)
+                if cell < oldest:
                     self.rejected += 1
                     return []
                 cell = int(self._next)
