@@ -148,29 +148,15 @@ class Sensor:
         return self._stamp_ns, [0.0, 0.0, self._force_z, 0.0, 0.0, 0.0], 30.0
 
 
-@pytest.fixture
-def day(warm_up, lagged):
-    """Columns of a warm-up at one row in ten seconds: force z drifts by a lag, torque x not."""
+def test_the_documented_examples_run(make, tmp_path, monkeypatch, capsys):
+    def day(seed):
+        quiet = 0.01 * np.random.default_rng(seed).standard_normal(720)
+        return {**make.drifting(7200, seed, every=10), 'torque_x': quiet}
 
-    def make(seed):
-        rng = np.random.default_rng(seed)
-        celsius = warm_up(720, seed)
-        drift = 0.8 * (lagged(celsius, 300.0) - 20.0)
-        return {
-            'stamp_s': 1e9 + 1e5 * seed + 10.0 * np.arange(720),
-            'force_z': drift + 0.02 * rng.standard_normal(720),
-            'torque_x': 0.01 * rng.standard_normal(720),
-            'temperature_c': celsius,
-        }
-
-    return make
-
-
-def test_the_documented_examples_run(day, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for seed, name in enumerate(('monday', 'tuesday', 'wednesday')):
-        pandas.DataFrame(day(seed)).to_csv(f'{name}.csv', index=False)
-    thursday, used = day(3), []
+        make.csv(f'{name}.csv', day(seed))
+    thursday, used = pandas.DataFrame(day(3)), []
     names: dict[str, Any] = {
         'wrench_stamps_ns': (thursday['stamp_s'] * 1e9).astype(int),
         'force_z': thursday['force_z'],
