@@ -65,19 +65,15 @@ class Drivers:
             yield k, T0 + k * 10**8, inside, [0.1, -0.2, force, 0.01, 0.02, 0.03]
 
     def bota_like(self, seed=0):
-        pack, make = self.messages.pack, self.messages.make
-        three, nine = np.zeros(3, np.float32), np.zeros(9)
-        status = make('bota_like_msgs/msg/Status', False, False)
-        turn = make('geometry_msgs/msg/Quaternion', 0.0, 0.0, 0.0, 1.0)
-        down = make('geometry_msgs/msg/Vector3', 0.0, 0.0, 9.81)
+        three, down = np.zeros(3, np.float32), (0, 0, 9.81)
+        status = self.messages.make('bota_like_msgs/msg/Status', False, False)
         for k, at, inside, wrench in self.times(seed):
             fields = self.bota, status, three, three, k, inside, three
-            yield '/bota/bota_frame', self.bota, at + 9000, pack(*fields)
+            yield '/bota/bota_frame', self.bota, at + 9000, self.messages.pack(*fields)
             whole = self.messages.wrench(at, wrench, 'bota_wrench')
             yield '/bota/wrench', self.messages.wrench_type, at + 9000, whole
             if k % 20 == 0:
-                imu = pack(IMU, at, turn, nine, down, nine, down, nine)
-                yield '/bota/imu', IMU, at + 9000, imu
+                yield '/bota/imu', IMU, at + 9000, self.messages.imu(at, down, down)
                 warm = self.messages.temperature(at, 24.0 + 3 * k / 12_000, 'cabinet')
                 yield '/cabinet/temperature', self.messages.temperature_type, at + 9000, warm
 

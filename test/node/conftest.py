@@ -31,6 +31,8 @@ from wrist_ft_comp.ros.running import spin
 from wrist_ft_comp.ros.topics import NEWEST
 
 ROOT = Path(wrist_ft_comp.__file__).parents[1]
+#: Between two looks at what a test waits for, s.
+PAUSE_S = 0.002
 #: Environment of a process that talks over the loopback interface, and not by shared memory.
 LOOPBACK_UDP = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
@@ -88,12 +90,22 @@ def _reserve_domain(stack):
 
 
 @pytest.fixture
-def ros_context(ros_domain):
-    """Initialise an own rclpy context; it is shut down after every node and executor."""
-    context = Context()
-    context.init([], domain_id=ros_domain)
-    yield context
-    context.try_shutdown()
+def make_context(ros_domain):
+    """Initialise own rclpy contexts; they are shut down after every node and executor."""
+    with ExitStack() as stack:
+
+        def make(*words):
+            context = Context()
+            context.init(list(words), domain_id=ros_domain)
+            stack.callback(context.try_shutdown)
+            return context
+
+        yield make
+
+
+@pytest.fixture
+def ros_context(make_context):
+    return make_context()
 
 
 class FakeHub:
@@ -283,10 +295,10 @@ class Bench:
 
     def wait_until(self, condition, what):
         pause = threading.Event()
-        for _ in range(int(TIMEOUT_S / 0.01)):
+        for _ in range(int(TIMEOUT_S / PAUSE_S)):
             if condition():
                 return
-            pause.wait(0.01)
+            pause.wait(PAUSE_S)
         pytest.fail(f'waited {TIMEOUT_S} s for {what}')
 
     def close(self):

@@ -1,10 +1,9 @@
 """A compensator under test, what talks to it, and models with a known drift."""
 
-from contextlib import ExitStack
+from contextlib import closing, ExitStack
 from functools import partial
 import itertools
 import queue
-import threading
 from typing import Any
 from unittest import mock
 from weakref import WeakValueDictionary
@@ -15,7 +14,6 @@ from moments import SECOND, six_of, stamp_of, START, TIMEOUT_S
 import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParameters
-from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
@@ -31,8 +29,6 @@ from wrist_ft_comp.stream.compensator import StreamSettings
 
 #: Shorter than the node's own, for the tests' sake.
 DIAGNOSTICS_PERIOD_S, TARE_PATIENCE_S = 0.05, 0.2
-#: Between two looks at what a test waits for, s.
-PAUSE_S = 0.002
 _NUMBERS = itertools.count()
 
 
@@ -178,13 +174,7 @@ class Rig:
 
     def wait_until(self, condition, what):
         """Wait, while the node looks after itself."""
-        pause = threading.Event()
-        for _ in range(int(TIMEOUT_S / PAUSE_S)):
-            if condition():
-                return
-            self.node.housekeep()
-            pause.wait(PAUSE_S)
-        pytest.fail(f'waited {TIMEOUT_S} s for {what}')
+        self.bench.wait_until(lambda: condition() or self.node.housekeep(), what)
 
     def diagnosis(self, name, wanted=''):
         """Return the next status of a name that says some words, or is as wanted."""
@@ -262,19 +252,10 @@ def rig(bench, tmp_path):
 
 
 @pytest.fixture
-def driver(bench, ros_domain):
+def driver(bench, make_context):
     """Make participants: within one, a topic has one type only."""
     with ExitStack() as stack:
-
-        def make():
-            context = Context()
-            context.init([], domain_id=ros_domain)
-            stack.callback(context.try_shutdown)
-            result = type(bench)(context)
-            stack.callback(result.close)
-            return result
-
-        yield make
+        yield lambda: stack.enter_context(closing(type(bench)(make_context())))
 
 
 @pytest.fixture
