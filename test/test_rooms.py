@@ -29,16 +29,13 @@ BESIDE_THE_MATHEMATICS = {
 ROS = re.compile(r'rcl|ros|ament|builtin_interfaces$|launch|tf2|\w+_(msgs|srvs|interfaces)$')
 
 
-def read_modules():
-    """Read every module: by its name, such as ``drift.arx``, its syntax tree."""
-    trees = {}
-    for path in sorted(PACKAGE.rglob('*.py')):
-        name = '.'.join(path.relative_to(PACKAGE).with_suffix('').parts)
-        trees[name.removesuffix('.__init__')] = ast.parse(path.read_text('utf-8'))
-    return trees
-
-
-MODULES = read_modules()
+#: Every module: by its name, such as ``drift.arx``, its syntax tree.
+MODULES = {
+    '.'.join(path.relative_to(PACKAGE).with_suffix('').parts).removesuffix('.__init__'): ast.parse(
+        path.read_text('utf-8')
+    )
+    for path in sorted(PACKAGE.rglob('*.py'))
+}
 
 
 def folder_of(module):

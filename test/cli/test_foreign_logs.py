@@ -47,19 +47,18 @@ def write(path, header, columns, delimiter=',', comma=False):
     return path
 
 
-def foreign(path, seed, bump=False):
-    """A log of ISO times, decimal commas, kN and °F, below a comment."""
-    t, wrench, celsius = day(seed, bump)
-    times = [f'{BEGIN + timedelta(seconds=s):%Y-%m-%dT%H:%M:%SZ}' for s in t.tolist()]
-    columns = times, *(wrench[:, :3] / 1000).T, *wrench[:, 3:].T, celsius * 1.8 + 32
-    return write(path, '# cell 3\ntime;fx;fy;fz;tx;ty;tz;temp', columns, ';', comma=True)
-
-
 @pytest.fixture
 def logs(tmp_path, monkeypatch):
-    """Three days of a foreign log, the third with a bump."""
+    """Three days of ISO times, decimal commas, kN and °F, below a comment; a bump in the last."""
     monkeypatch.chdir(tmp_path)
-    return [foreign(tmp_path / f'day_{n}.csv', n, bump=n == 3) for n in (1, 2, 3)]
+    paths = [tmp_path / f'day_{n}.csv' for n in (1, 2, 3)]
+    times = [f'{BEGIN + timedelta(seconds=s):%Y-%m-%dT%H:%M:%SZ}' for s in T.tolist()]
+    for n, path in enumerate(paths, start=1):
+        _, wrench, celsius = day(n, bump=n == 3)
+        columns = times, *(wrench[:, :3] / 1000).T, *wrench[:, 3:].T, celsius * 1.8 + 32
+        header = '# cell 3\ntime;fx;fy;fz;tx;ty;tz;temp'
+        write(path, header, columns, ';', comma=True)
+    return paths
 
 
 GIVEN = ['--columns', 'stamp=time,force_z=fz:kN,temperature_c=temp:F']

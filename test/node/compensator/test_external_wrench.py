@@ -183,7 +183,6 @@ STATUSES = [
     ([], 0.0, WARN, 'no specific force has come; wrench_external rests'),
     ([(0, UP)], 0.0, OK, 'subtracting day-1'),
     ([(0, UP)], 0.3, WARN, 'specific force is older than gravity.timeout, or stays away'),
-    ([(-7200, UP)], 0.0, WARN, '7200 s apart: two clocks; wrench_external rests'),
     ([(-3, UP)], 0.0, WARN, '3 s apart: two clocks; wrench_external rests'),
     ([(0, UP / 9.807)] * specific_force._REPORTS, 0.0, WARN, 'is -90% off gravity'),
     ([(0, UP)] * specific_force._REPORTS, 0.0, WARN, 'is the IMU frozen?'),
@@ -347,23 +346,17 @@ def test_a_payload_of_another_turn_resets_the_other_tare(held, tmp_path):
     assert 'tool0 is now left; is it another sensor?' in part.status().message
 
 
-def turned_by(axis, degrees):
-    return Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
-
-
 @pytest.mark.parametrize(
     ('felt_turn', 'shift_m', 'contact_n', 'words'),
     [
         (np.eye(3), 0.0, 0.0, ''),
         (np.eye(3), 0.0, -60.0, ''),
         (np.diag([-1.0, 1.0, 1.0]), 0.0, 0.0, 'specific force is mirrored or turned'),
-        (turned_by('z', 90.0), 0.0, 0.0, 'turned, by 90 degrees'),
-        (turned_by('x', 9.0), 0.0, 0.0, 'turned, by 9 degrees'),
-        (np.eye(3) / 4.448, 0.0, 0.0, 'moves 4.45 times as much as the weight of day-1: its unit'),
+        (Rotation.from_rotvec([0.157, 0, 0]).as_matrix(), 0.0, 0.0, 'turned, by 9 degrees'),
         (np.eye(3) / 1.16, 0.0, 0.0, 'moves 1.16 times as much as the weight of day-1: its unit'),
         (np.eye(3), 0.012, 0.0, 'as if the centre of mass were 12 mm from that of day-1'),
     ],
-    ids=['right', 'presses', 'mirrored', 'quarter', 'tilted', 'pounds', 'heavier', 'other TCP'],
+    ids=['right', 'presses', 'mirrored', 'tilted', 'heavier', 'other TCP'],
 )
 def test_a_wrench_unlike_the_weight_is_a_warning(held, felt_turn, shift_m, contact_n, words):
     part, rng = held(**{'payload.active': 'day-1'}), np.random.default_rng(0)

@@ -25,10 +25,6 @@ def joints(*efforts, second=0, name=()):
     return stamped(JointState(name=name, effort=[float(effort) for effort in efforts]), second)
 
 
-def battery(celsius):
-    return stamped(BatteryState(temperature=float(celsius)))
-
-
 class Listening:
     """Listens to /state beside a fake hub; keeps the readings that are handed out."""
 
@@ -71,7 +67,7 @@ def listen(fake_hub, ros_domain):  # noqa: ARG001 -- which readies what comes wi
 
 
 @pytest.mark.parametrize(('entries', 'message', 'taken'), [
-    (['/state:temperature'], battery(23.0), [(0, START, 23.0)]),
+    (['/state:temperature'], stamped(BatteryState(temperature=23.0)), [(0, START, 23.0)]),
     (['/state:effort[2]', '/state:effort[0]'], joints(21, 22, 23),
      [(0, START, 23.0), (1, START, 21.0)]),
     (['/state:data[1]', '/state:data[0]*0.1:K'], Float64MultiArray(data=[3001.5, 22.0]),

@@ -28,13 +28,10 @@ def refusal(context, tmp_path, *arguments):
     ('given', 'words'),
     [
         ("temperature_topics:=['{bad}']", '{bad}'),
-        ("temperature_topics:=['']", 'must name at least one topic; got none'),
         ('temperature_topics:=[]', 'must name at least one topic; got none'),
         ("temperature_topics:=['heat', '/heat:temperature']", 'are one and the same'),
         ('temperature_topics:=[wrench_raw]', 'The topic wrench_raw cannot be used'),
-        ('data_directory:=~nobody_here/x', 'nobody here has a home of that name'),
         ('model_file:=/', '/ cannot be read: Is a directory'),
-        ('model_file:=~nobody_here/x', '~nobody_here/x cannot be read: No such file'),
         ('model_file:=/dev/zero', '/dev/zero is no regular file'),
         ('use_sim_time:=5', "expecting type 'BOOL'"),
         ('max_drift:=[]', 'got None'),
@@ -45,7 +42,6 @@ def refusal(context, tmp_path, *arguments):
         (['-r', 'wrench:=wrench_raw'], 'are both /wrench_raw: the node would hear itself'),
         (['-r', 'wrench:=/diagnostics'], 'The topic /diagnostics cannot be used'),
         (['-r', 'wrench_raw:=/rosout'], 'The topic wrench_raw cannot be used'),
-        (['-r', 'temperature:=/wrench'], 'The topic temperature cannot be used'),
         ([*IMU, '-p', 'payload.active:=nail'], r'was learnt (there is none yet); got nail'),
         (
             [*IMU, '-p', 'payload.active:=manual', '-p', 'payload.mass:=1.5'],
