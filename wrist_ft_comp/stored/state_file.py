@@ -10,7 +10,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import DriftModel, DriftState
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.series import FloatArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stored.safe_file import Kind, MAKE_ROOM, to_plain
 from wrist_ft_comp.stream import failed_thermometers
 from wrist_ft_comp.stream.failed_thermometers import ThermometerState
@@ -25,8 +25,8 @@ KIND = Kind(
 
 #: No larger number is read, and neither NaN nor infinities.
 _LARGEST = 1e100
-#: Longest cell, ns, and most cells of a block of the history: a file must not take all memory.
-_LONGEST_PERIOD_NS, _MOST_CELLS = 600 * NANOSECONDS, 1000
+#: Most cells of a block of the history: a file must not take all memory.
+_MOST_CELLS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,16 +72,10 @@ def load_state(path: Path) -> SavedState | None:
         wrenches += memory.compensation
         if memory.uncertainty is not None:
             wrenches.append(memory.uncertainty.bound)
-        if not 1 <= memory.period_ns <= _LONGEST_PERIOD_NS:
-            problem = f'period_ns is {memory.period_ns}'
         if any(cells < 0 for cells in memory.silent):
             problem = f'silent is {memory.silent}, and must not be negative'
         if any(not 1 <= block.cells <= _MOST_CELLS for block in memory.history):
             problem = f'a block of the history must have 1 to {_MOST_CELLS} cells'
-        if memory.filters.keys() - set(AXES):
-            problem = f'filters holds {", ".join(memory.filters)}'
-        if memory.thermometers is not None and not np.isfinite(memory.thermometers.age_s):
-            problem = 'age_s must be a number'
     if any(wrench.shape != (len(AXES),) for wrench in wrenches):
         problem = 'a wrench must have six numbers'
     if not _readable(to_plain(state)):
