@@ -16,8 +16,8 @@ from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.thermal_cells import ThermalCell
 
-#: Two nodes of one name or topic are said when they have been there for this time, s: one that
-#: was killed stays in the graph for 20 s with Fast DDS.
+#: Another publisher of the wrench is said when it has been there for this time, s: one that was
+#: killed stays in the graph for 20 s with Fast DDS.
 _TWINS_S = 30.0
 
 
@@ -38,7 +38,7 @@ class DriftTopic(Part):
 
     def __init__(self, compensator: Compensator, counts: Counts) -> None:
         self._compensator, self._counts, self._growth = compensator, counts, Growth()
-        #: When no other node had this name or published this wrench last, by the steady clock, s.
+        #: When no other node published this wrench last, by the steady clock, s.
         self._alone_s = time.monotonic()
 
     def start(self) -> None:
@@ -70,13 +70,7 @@ class DriftTopic(Part):
     def statuses(self) -> Iterator[Status]:
         """Report what is subtracted, whether it hits a limit, and who else publishes it."""
         hub, stream, counts = self.hub, self._compensator, self._counts
-        own = hub.get_name(), hub.get_namespace()
-        topic, rival = hub.resolve_topic_name('wrench'), ''
-        if hub.get_node_names_and_namespaces().count(own) > 1:
-            rival = f'two nodes are called {hub.get_fully_qualified_name()}, and both publish'
-        elif hub.count_publishers(topic) > 1:
-            rival = f'another node publishes {topic}, too, so that wrenches are mixed'
-        else:
+        if hub.count_publishers(hub.resolve_topic_name('wrench')) == 1:
             self._alone_s = time.monotonic()
         grown, _ = self._growth.since(failed=counts.failed, wrenches=counts.wrenches)
         comes = 'wrenches' in self._growth.lately()
@@ -98,11 +92,11 @@ class DriftTopic(Part):
             }
         for axis, share in zip(AXES, stream.compensation.sensitivity, strict=True):
             numbers[f'{axis}_sensitivity'] = f'{100 * share:.3g} %'
-        doubts = self._doubts(grown['failed'], rival, comes=comes)
+        doubts = self._doubts(grown['failed'], comes=comes)
         level = ERROR if grown['failed'] or stream.limits.too_large else WARN
         yield doubtful(self.title, doubts, 'compensated', numbers, level)
 
-    def _doubts(self, failed: int, rival: str, *, comes: bool) -> Iterator[str]:
+    def _doubts(self, failed: int, *, comes: bool) -> Iterator[str]:
         """Say what is wrong with what is published, the worst first."""
         stream = self._compensator
         if self._counts.newest is not None and not comes:
@@ -112,8 +106,9 @@ class DriftTopic(Part):
             yield f'wrenches were lost by a fault of this program: {self._counts.fault}'
         if large:
             yield f'drift of {large} is at its limit'
-        if rival and time.monotonic() - self._alone_s > _TWINS_S:
-            yield f'{rival}; end one, or rename it'
+        if time.monotonic() - self._alone_s > _TWINS_S:
+            topic = self.hub.resolve_topic_name('wrench')
+            yield f'another node publishes {topic}, too, so that wrenches are mixed; end one'
         if fast:
             yield f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
         if not stream.compensating:
