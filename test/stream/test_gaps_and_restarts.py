@@ -135,20 +135,13 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
         path_c = 20.0 + np.cumsum(np.repeat(rates, 25)[:gap_s])
         all_c = np.concatenate((before_c, path_c, np.full(500, path_c[-1])))
         knows, compensator = (Compensator(1, model=model) for _ in range(2))
-        late = Compensator(1)
         for second, celsius in enumerate(all_c):
             knows.add_temperature(0, second * SECOND, celsius)
             if not 300 <= second < 300 + gap_s:
                 compensator.add_temperature(0, second * SECOND, celsius)
-                late.add_temperature(0, second * SECOND, celsius)
             if second == 300 + gap_s + 5:
-                late.go_live(model)
                 doubts = gap_doubts(compensator.tracker)
-                off_n, late_off_n = (
-                    float(re.search(r'(\S+) N off', said[0])[1]) if said else 0.06
-                    for said in (doubts, gap_doubts(late.tracker))
-                )
-                assert late_off_n == pytest.approx(off_n, rel=0.1)
+                off_n = float(re.search(r'(\S+) N off', doubts[0])[1]) if doubts else 0.06
                 stated.add(off_n > 0.06)
                 apart = knows.compensation.zero - compensator.compensation.zero
                 assert abs(apart[2]) <= 1.05 * off_n  # which is rounded
@@ -157,17 +150,6 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
                 assert said == [True] * len(doubts)
         assert gap_doubts(compensator.tracker) == []
     assert stated == {True, False}
-
-
-def test_a_gap_without_a_model_is_doubted_beside_a_warm_start(make_model):
-    said = []
-    for gap_s in (0, 400):
-        late = Compensator(1)
-        heard = *range(1900), *range(1900 + gap_s, 2400)
-        heat(heard, lambda second: 35.0 + 0.5 * math.sin(second / 100), late)
-        late.go_live(doubting(make_model))
-        said.append(late.tracker.uncertainty.left(late.tracker.end_ns, late.tracker.memory_s)[2])
-    assert said[1] > 2 * said[0]
 
 
 @pytest.mark.parametrize('every_s', [1, 2, 7])
@@ -198,22 +180,6 @@ def test_a_restart_within_a_cell_is_no_clock_that_was_set(make_model, away_s):
     was_n, is_n = (one.tracker.drift.zero[2] for one in (before, after))
     assert (is_n, after.tracker.forgot) == (pytest.approx(was_n, abs=0.1), False)
     assert was_n > 1.0
-
-
-@pytest.mark.parametrize('second_gap_s', [0, 90])
-def test_all_gaps_without_a_model_are_doubted(make_model, second_gap_s):
-    """A robot that rested warms in the first, and cools after it."""
-    model, went_c = doubting(make_model, 400.0), [20.0, 20.0, 38.0, 32.0]
-    knows, late = Compensator(1, model=model), Compensator(1)
-    for second in range(2000):
-        celsius = float(np.interp(second, [0, 600, 1000, 2000], went_c))
-        knows.add_temperature(0, START + second * SECOND, celsius)
-        if not (600 <= second < 1400 or 1700 <= second < 1700 + second_gap_s):
-            late.add_temperature(0, START + second * SECOND, celsius)
-    late.go_live(model)
-    off_n = abs(knows.compensation.zero - late.compensation.zero)[2]
-    left = late.tracker.uncertainty.left(late.tracker.end_ns, late.tracker.memory_s)[2]
-    assert 0.3 < off_n <= left
 
 
 def test_a_slow_model_behind_a_quick_one_is_doubted_as_far_as_alone(make_model):

@@ -218,10 +218,16 @@ class DriftTracker:
             )
             off = off + np.abs(bounds - self.drift.zero).max(axis=0)
         off = off + self._off_at_start(self.model, len(self.history_c) - len(line_c))
-        for begin, end in self._gaps()[-1:]:
+        edges = np.flatnonzero(np.diff(self._missing, prepend=False, append=False))
+        if len(edges):
+            begin, end = edges[-2:].tolist()
             since = len(self.history_c) - end
             if since - len(line_c) < span_cells(self.model) <= since:
-                off = off + self._doubt_mean(self.model, begin, end)
+                # Bound the drift where temperatures move otherwise after the gap than in it.
+                slope_k = self.history_c[end] - self.history_c[end - 1]
+                off = off + drift_uncertainty.doubt_start(
+                    self.model, self.history_c[end:],
+                    min((end - begin) * period_s, self.memory_s), slope_k)  # fmt: skip
         if off.any():
             if self.uncertainty is not None:
                 off = off + self.uncertainty.left(self.end_ns, self.memory_s)
@@ -233,35 +239,6 @@ class DriftTracker:
             return np.zeros(len(AXES))
         known_k = None if self.uncertainty is None else np.zeros(self._count)
         return drift_uncertainty.doubt_start(model, self.history_c, self.memory_s, known_k)
-
-    def _gaps(self) -> list[tuple[int, int]]:
-        """Give where gaps of the history begin and end."""
-        edges = np.flatnonzero(np.diff(self._missing, prepend=False, append=False))
-        return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-    def _doubt_mean(self, model: DriftModel, begin: int, end: int) -> FloatArray:
-        """Bound the drift where temperatures move otherwise after a gap than in it, (6,)."""
-        gap_s = (end - begin) * model.period_ns / NANOSECONDS
-        slope_k, after_c = self.history_c[end] - self.history_c[end - 1], self.history_c[end:]
-        return drift_uncertainty.doubt_start(model, after_c, min(gap_s, self.memory_s), slope_k)
-
-    def _off_in_gaps(self, model: DriftModel) -> FloatArray:
-        """Bound what gaps, in which no model was live, left wrong of the drift by now, (6,)."""
-        off: FloatArray = np.zeros(len(AXES))
-        for begin, end in self._gaps():
-            if not begin or end == len(self.history_c):
-                continue
-            before_c, line_c = self.history_c[:begin], self.history_c[begin : end + 1]
-            state = drift_model.skip(model, drift_model.at_rest(model, before_c), before_c)
-            gap_s = (end - begin) * model.period_ns / NANOSECONDS
-            bounds = drift_uncertainty.bound_drift(
-                model, state, before_c, self.history_c[end:], gap_s, self.memory_s
-            )
-            zero = drift_model.run_to_end(model, state, line_c)[1].zero
-            ended_ns = self.end_ns - (len(self.history_c) - end) * model.period_ns
-            bound = np.abs(bounds - zero).max(axis=0) + self._doubt_mean(model, begin, end)
-            off = off + Uncertainty(ended_ns, bound).left(self.end_ns, self.memory_s)
-        return off
 
     def _stood_still(self, cell: ThermalCell, gap_s: float) -> str:
         """Say that clocks stood still in a gap: all temperatures moved farther than they can."""
@@ -316,7 +293,6 @@ class DriftTracker:
                 self._next = self.end_ns // model.period_ns
                 self.end_ns = self._next * model.period_ns
                 self.grid.go_on(self._next, self.reading_c.tolist(), silent)
-        was_live = self.model is not None
         self.model, self.state, self.awaited, self._exchanged = model, None, None, {}
         self.memory_s = gaps_and_restarts.longest_gap_s(model)
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
@@ -333,11 +309,6 @@ class DriftTracker:
             if off.any() and known is not None:  # as a quicker model saw it
                 both = (one.left(self.end_ns, self.memory_s) for one in (known, begun))
                 self.uncertainty = Uncertainty(self.end_ns, np.maximum(*both))
-            # A model that was live in a gap, or after it, has bounded it.
-            if not was_live and (off := self._off_in_gaps(model)).any():
-                if self.uncertainty is not None:
-                    off = off + self.uncertainty.left(self.end_ns, self.memory_s)
-                self.uncertainty = Uncertainty(self.end_ns, off)
         before, prediction = self.thermometers, None if model is None else model.prediction
         if prediction is None:
             self.thermometers = None
