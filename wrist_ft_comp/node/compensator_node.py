@@ -136,7 +136,7 @@ class CompensatorNode(Hub):
         )
         self.specific_force = force = SpecificForceInput(chosen, stream)
         self.wrench_input = WrenchInput(counts, stream)
-        self.inputs = TemperatureInput(self.thermometers, live, force, self.state_keeper)
+        self.inputs = TemperatureInput(self.thermometers, live, force)
         self.recorder = Recorder(live, with_force=force.source != 'none')
         self.external = ExternalWrench(stream, PayloadChoice(live, force), force, counts)
         self.tare = TareService(stream, self.external, self.wrench_input, self.state_keeper)

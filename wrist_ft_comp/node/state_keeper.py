@@ -36,8 +36,6 @@ class StateKeeper(Part):
     counts: Counts
     writer: FileWriter
     path: Path
-    #: What happened to the saved state.
-    outcome: str = 'there was no saved state'
     #: The bytes of the tares in the file, where they are known.
     _written: tuple[bytes, bytes] = b'', b''
     #: When the state was saved that the first thermal cell decides about, ns.
@@ -51,11 +49,12 @@ class StateKeeper(Part):
 
     def start(self) -> None:
         """Continue from the saved state, and begin to save."""
-        self._due = time.monotonic() + SAVE_PERIOD_S
-        self._origin = self.compensator.tracker.origin
+        self._due, tracker = time.monotonic() + SAVE_PERIOD_S, self.compensator.tracker
+        self._origin = tracker.origin
         if why := self._restore():
-            self.outcome = f'{why}; the drift starts at the steady state of the first temperatures'
-            self.hub.log.warning(self.outcome)
+            self._origin = f'{why}; the drift starts at the steady state of the first temperatures'
+            tracker.origin = self._origin
+            self.hub.log.warning(self._origin)
         self._saved = self._present()
 
     def _restore(self) -> str:
@@ -80,7 +79,6 @@ class StateKeeper(Part):
         for doubt in state.zero_doubts:
             self.compensator.doubt_zero(doubt)
         if memory is None or model is None:
-            self.outcome = 'the saved state holds no thermal state'
             return ''
         if not belongs_to(model, memory):
             return f'{self.path} does not fit the model it names'
@@ -89,7 +87,6 @@ class StateKeeper(Part):
         gap_s = 0.0 if simulated else (time.time_ns() - state.saved_ns) / NANOSECONDS
         self._loaded_ns = state.saved_ns
         self.compensator.resume(memory, gap_s)
-        self.outcome = self.compensator.tracker.origin
         return ''
 
     def _present(self) -> tuple[Any, int | None]:
@@ -107,8 +104,6 @@ class StateKeeper(Part):
             return
         if tracker.origin != self._origin:
             self._origin = tracker.origin
-            if self._loaded_ns:
-                self.outcome = tracker.origin
             self.hub.log.write(WARN if tracker.forgot else OK, tracker.origin)
         present = self._present()
         is_due = time.monotonic() >= self._due and present != self._saved

@@ -11,7 +11,6 @@ from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.raw_wrench import age
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.ros import topics as ros_topics
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub, Part
@@ -143,7 +142,6 @@ class TemperatureInput(Part):
     thermometers: Sequence[Thermometer]
     live: LiveModel
     specific_force: SpecificForceInput
-    state_keeper: StateKeeper
     #: Usable temperatures of all thermometers, and those that no sensor reads.
     usable: int = 0
     unusable: int = 0
@@ -220,7 +218,7 @@ class TemperatureInput(Part):
             **{f'spike {j}': spikes.dropped for j, spikes in enumerate(tracker.spikes)},
         )  # fmt: skip
         numbers = {
-            'state': self.state_keeper.outcome,
+            'state': tracker.origin,
             'rate_hz': f'{grown["usable"] / elapsed_s:.1f}',
             'unusable': str(self.unusable + sum(topic.unreadable for topic in self.by_topic)),
         }

@@ -89,7 +89,7 @@ def test_the_first_cell_gives_the_length_of_the_gap(restart, warm):
     restarted = restart(warm)
     restarted.warm(range(410, 413))
     said = 'the drift goes on from the thermal state saved 11 s before'
-    assert restarted.keeper.outcome == said
+    assert restarted.compensator.tracker.origin == said
     assert said in restarted.hub.logged
     before, now = warm.thermal.compensation.zero, restarted.compensator.compensation.zero
     assert now[2] == pytest.approx(before[2], rel=0.05)
@@ -112,15 +112,15 @@ def test_a_state_that_cannot_be_used_is_said_and_logged(restart, warm, change, w
         change = {'saved_ns': warm.saved_ns + later_s * SECOND}
     restarted = restart(replace(warm, **change))
     for word in words:
-        assert word in restarted.keeper.outcome
+        assert word in restarted.compensator.tracker.origin
     np.testing.assert_array_equal(restarted.compensator.tare, TARE if tared else np.zeros(6))
     first = 400 + max(-later_s, 700)
     restarted.warm(range(first, first + 3))
     if words[1] == HELD:  # from what it was, at 1 N/s
         moved = restarted.compensator.compensation.zero - warm.thermal.compensation.zero
         assert 0.9 < moved[2] < 3.1
-    assert words[0] in restarted.keeper.outcome
-    assert 'starts at the steady state of the' in restarted.keeper.outcome
+    assert words[0] in restarted.compensator.tracker.origin
+    assert 'starts at the steady state of the' in restarted.compensator.tracker.origin
     assert any(words[0] in line for line in restarted.hub.logged)
 
 
@@ -144,7 +144,7 @@ def test_a_broken_state_is_said_and_replaced(restart, tmp_path):
     path = tmp_path / 'state.json'
     path.write_bytes(b'{')
     restarted = restart()
-    assert 'state.json is not a state file' in restarted.keeper.outcome
+    assert 'state.json is not a state file' in restarted.compensator.tracker.origin
     restarted.warm(range(4))
     restarted.keeper.end()
     assert load_state(path).thermal is not None
