@@ -82,8 +82,7 @@ class Compensator:
         self._ramp_ns = period_ns
         #: How far the last report of each thermometer moved the drift, N and N m, (6,).
         self.moves: dict[int, FloatArray] = {}
-        #: Up to when each thermometer is in the drift, ns, and when the last tare was taken.
-        self._reported_ns: dict[int, float] = {}
+        #: When the last tare was taken, ns.
         self._tared_ns: float = -math.inf
         #: When a tare was taken before the drift begins: it takes up the drift then, so that the
         #: output stays. None where none waits, -inf before a restart; inf where there is no tare,
@@ -136,9 +135,7 @@ class Compensator:
         cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
         leap = self.tracker.clocks.leap
         if leap is not None and leap.passed_ns is not None:  # the clock of all was set
-            by_ns = leap.to_ns - leap.from_ns - leap.passed_ns
-            self._tared_ns += by_ns
-            self._reported_ns = {j: at_ns + by_ns for j, at_ns in self._reported_ns.items()}
+            self._tared_ns += leap.to_ns - leap.from_ns - leap.passed_ns
         if self.tared and spikes.wrong_starts > wrong_starts:
             self.doubt_zero(
                 f'the tare was taken while thermometer {thermometer + 1} read '
@@ -165,16 +162,10 @@ class Compensator:
             self._settle(target, None)
         self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
         # The ramp lasts a cell, or, where only seldom ones have reported, until one is due again.
-        grid, spacings = self.tracker.grid, list[int]()
-        moved = np.abs(target.zero - self._begun.zero)
-        for j in range(self.thermometers):
-            if any(cell.measured[j] for cell in cells):
-                self.moves[j] = moved
-                spacings.append(grid.spacing(j))
-                if self._tared_ns > self._reported_ns.get(j, math.inf):
-                    self.doubt_zero(*drift_warnings.moved_doubts(self.tracker, moved))
-                self._reported_ns[j] = self.tracker.end_ns
-        self._ramp_ns = grid.period_ns * min(spacings, default=1)
+        grid = self.tracker.grid
+        reported = np.flatnonzero(np.any([cell.measured for cell in cells], axis=0)).tolist()
+        self.moves |= dict.fromkeys(reported, np.abs(target.zero - self._begun.zero))
+        self._ramp_ns = grid.period_ns * min(map(grid.spacing, reported), default=1)
         ramp_s = self._ramp_ns / NANOSECONDS
         self.compensation = self.limits.rate_limit(target, self._begun, ramp_s)
         self._refresh_correction()

@@ -109,13 +109,6 @@ def seldom_doubts(tracker: DriftTracker, moves: Mapping[int, FloatArray]) -> lis
     return sentences
 
 
-def moved_doubts(tracker: DriftTracker, moved: FloatArray) -> list[str]:
-    """Say that the first report after a tare moved the drift far, N and N m, (6,)."""
-    worst = _off(tracker.model, moved)
-    sentence = f'by the first temperature after the tare, {worst} off in it; call ~/tare'
-    return [sentence] if worst else []
-
-
 def _off(model: DriftModel | None, off: FloatArray, *, times: float = _CERTAIN) -> str:
     """Say how far the drift may be off, N and N m, (6,), beyond deviations of the model."""
     if model is None:
