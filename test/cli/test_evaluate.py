@@ -7,6 +7,7 @@ import numpy as np
 import pandas
 import pytest
 from scipy.signal import lfilter
+import yaml
 
 from wrist_ft_comp import evaluate, load_model, read_recording
 from wrist_ft_comp.cli.main import main
@@ -114,14 +115,20 @@ def test_a_thermometer_that_froze_in_a_file_is_named_once(run, make, pair_model,
         assert said.count('thermometer 2 stands still') == 1
 
 
+@pytest.mark.parametrize('is_named', [False, True])
 def test_a_model_does_not_hold_where_an_axis_drifts_that_it_does_not_know(
-    done, make, pair_model, tmp_path
+    done, make, pair_model, tmp_path, is_named
 ):
+    document, model = yaml.safe_load(pair_model.read_text()), tmp_path / 'model.yaml'
+    if is_named:  # temperature explained nothing of it
+        document['axes']['force_x'] = json.loads(json.dumps(document['axes']['force_z']))
+        document['axes']['force_x'] |= {'model': None, 'day_limit': None}
+    model.write_text(yaml.safe_dump(document, sort_keys=False))
     columns, noise = lagged_pair(11), np.random.default_rng(0).normal(0, 0.02, 1080)
     for drifts in (0, 1):
         columns['force_x'] = noise + drifts * np.array(columns['force_z'])
         path = make.csv(tmp_path / 'day.csv', columns)
-        advice = json.loads(done('evaluate', pair_model, path, '--json'))['advice'][0]
+        advice = json.loads(done('evaluate', model, path, '--json'))['advice'][0]
         assert ('learnt without force_x, whose drift stays' in advice) == drifts
         assert advice.startswith('The model holds') == (not drifts)
 

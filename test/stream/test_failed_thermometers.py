@@ -122,6 +122,15 @@ def test_healthy_thermometers_are_believed(learn, make_day, monkeypatch):
             assert thermometer_doubts(model, make_day(seed, thermometers)) == {}
 
 
+@pytest.mark.parametrize(('stood_s', 'is_replaced'), [(30.0, True), (1200.0, False), (9e4, False)])
+def test_one_that_stands_as_long_as_in_its_calibration_is_believed(
+    learn, make_day, stood_s, is_replaced
+):
+    model = replace(learn(3).model, stands_s=(30.0, stood_s, 30.0))
+    day = failing(make_day(6), 'frozen', begin=300, end=400)
+    assert bool(thermometer_doubts(model, day)) == is_replaced
+
+
 def test_healthy_thermometers_are_not_doubted(learn, make_day):
     for seed in (10, 11):
         compensator, day = Compensator(3, model=learn(3).model), make_day(seed)

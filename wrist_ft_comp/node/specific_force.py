@@ -292,7 +292,8 @@ class SpecificForceInput(Part):
         elif len(self._ahead_s) == _REPORTS and (ahead_s := min(self._ahead_s)) > _AHEAD_S:
             yield (
                 f'specific force is stamped {ahead_s:.1f} s ahead of the wrench, so that the '
-                'weight that is taken off may be as old: two clocks; synchronise them'
+                'weight that is taken off may be as old: two clocks, or the wrench comes late; '
+                'synchronise them, or look at its network'
             )
         step_s, step = self.forces.last_step
         if 0 < grown['forces'] / wrenches < 0.5 and step > 2 * _STEP_SHARE * GRAVITY:

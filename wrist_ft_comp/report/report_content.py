@@ -237,7 +237,7 @@ def evaluation_content(
         warnings, paths, stored.sensor.get('temperature_topics', ()),
         run=run if is_another_day else '',
         beyond=[axis.axis for axis in axes if axis.errors.max_after > axis.day_limit],
-        unlearnt=[axis.axis for axis in axes if axis.axis not in stored.document['axes']
+        unlearnt=[axis.axis for axis in axes if axis.verdict.level == 'uncalibrated'
                   and axis.errors.rms_before > verdicts.NOISE_MARGIN * axis.series.noise],
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip

@@ -87,7 +87,9 @@ def exchange_doubts(model: DriftModel, recording: Recording) -> dict[str, float]
     state, said = failed_thermometers.start(prediction, readings_c[0]), Counter[str]()
     known = dict[tuple[int, int], str]()
     for reading_c in readings_c:
-        state = failed_thermometers.step(prediction, state, reading_c, heard, time_s, 0.0)
+        state = failed_thermometers.step(
+            prediction, state, reading_c, heard, time_s, 0.0, model.stands_s
+        )
         known = exchanged_thermometers.exchanged(prediction, state, known)
         said.update(known.values())
     return {sentence: count / len(readings_c) for sentence, count in said.items()}
@@ -115,7 +117,13 @@ def judge(
         if missing > longest:
             state, missing = failed_thermometers.start(prediction, reading_c, state), 0
         state = failed_thermometers.step(
-            prediction, state, reading_c, measured[cell], period_s, missing * period_s
+            prediction,
+            state,
+            reading_c,
+            measured[cell],
+            period_s,
+            missing * period_s,
+            model.stands_s,
         )
         last = cell
         yield state

@@ -169,7 +169,13 @@ class DriftTracker:
             if state is None or self._next is None:
                 state = failed_thermometers.start(prediction, believed_c, state)
             self.thermometers = failed_thermometers.step(
-                prediction, state, believed_c, cell.measured, period_s, gap * period_s
+                prediction,
+                state,
+                believed_c,
+                cell.measured,
+                period_s,
+                gap * period_s,
+                self.model.stands_s,
             )
             self._exchanged = exchanged_thermometers.exchanged(
                 prediction, self.thermometers, self._exchanged

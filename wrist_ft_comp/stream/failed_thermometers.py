@@ -10,6 +10,7 @@ One rule for the running stream and for files. No earlier cell is changed: the d
 wrong reading until it is found, and ``Limits`` bounds how fast it moves then.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -125,10 +126,12 @@ def start(
 
 def step(  # noqa: PLR0913, PLR0917 -- a cell as it comes
     prediction: ThermometerPrediction, before: ThermometerState, reading_c: FloatArray,
-    heard: BoolArray, period_s: float, gap_s: float,
+    heard: BoolArray, period_s: float, gap_s: float, stands_s: Sequence[float | None] = (),
 ) -> ThermometerState:  # fmt: skip
     """
     Judge the thermometers after a thermal cell of ``period_s`` in which one was heard.
+
+    In the calibration they read the same for ``stands_s`` at most, s: a healthy one may do so.
 
     They were read last as ``reading_c``, (J,); ``heard``, (J,), are those of this cell. None was
     heard for ``gap_s`` before.
@@ -169,7 +172,8 @@ def step(  # noqa: PLR0913, PLR0917 -- a cell as it comes
     # Replace those that are dead or frozen, where another one is there to predict them. Believe
     # those that have agreed.
     reports = state.reports(prediction)
-    wrong = ~replaced & ~reports & ((still_s >= STILL_S) | (silent_s > prediction.silence_s))
+    usual_s = np.clip([stand_s or 0.0 for stand_s in stands_s] or 0.0, STILL_S, _KNOWN_S)
+    wrong = ~replaced & ~reports & ((still_s >= usual_s) | (silent_s > prediction.silence_s))
     agrees = replaced & reports & (np.abs(reading_c - smooth_c) <= prediction.agree_k)
     agreed_s = np.where(agrees, before.agreed_s + time_s, 0.0)
     reasons = list(before.reasons)
