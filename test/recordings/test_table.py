@@ -56,7 +56,7 @@ def test_stamps_become_nanoseconds_exactly(make_csv, text, time, ns, count):
     """A factor makes seconds of numbers, whatever their size."""
     path = make_csv('stamp_s,force_z\n' + f'{text},1\n' * count + '# end')
     said = (f'stamp=stamp_s{time},force_z=force_z',) if time[0] == '*' else ('', time)
-    assert all_samples(path, *said)[0]['force_z'] == ([ns], [1.0])
+    assert all_samples(path, *said)[0]['force_z'] == ([ns] * count, [1.0] * count)
 
 
 @given(st.lists(st.integers(-(10**19) // 2, 10**19 // 2), min_size=1, max_size=30, unique=True))
@@ -201,13 +201,11 @@ def test_thousands_that_are_in_the_first_or_in_the_last_rows_only_are_read(
     assert all_samples(path)[0]['force_z'] == ([k * 10**9 for k in range(2000)], forces)
 
 
-@pytest.mark.parametrize('block', [8, 16, table_file.BLOCK])
-def test_rows_of_one_stamp_are_one_sample(make_csv, monkeypatch, block):
-    monkeypatch.setattr(table_file, 'BLOCK', block)
+def test_rows_of_one_stamp_all_count(make_csv):
     path = make_csv(f'{HEADER}0,1,20\n0,3,21\n1,5,22\n2,7,\n2,9,24\n')
-    samples, _ = all_samples(path)
-    assert samples['force_z'] == ([0, 10**9, 2 * 10**9], [2.0, 5.0, 8.0])
-    assert samples['temperature_c'] == ([0, 10**9, 2 * 10**9], [20.5, 22.0, 24.0])
+    recording = read_recording(path)
+    assert recording.wrench[:, 2].tolist() == [2.0, 5.0, 8.0]
+    assert recording.temperature_c[:, 0].tolist() == [20.5, 22.0, 24.0]
 
 
 #: Times of day, and seconds since midnight; a row that is late there is of the day before.

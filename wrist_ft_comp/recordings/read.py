@@ -24,7 +24,7 @@ from wrist_ft_comp.recordings.column_map import lacking_kinds, listed, place_col
 from wrist_ft_comp.recordings.column_proposal import Proposal, propose
 from wrist_ft_comp.recordings.read_options import ReadOptions
 from wrist_ft_comp.recordings.sample_checks import grid_samples
-from wrist_ft_comp.recordings.table import Rows, samples_of, Table, TableInMemory, whole_stamps
+from wrist_ft_comp.recordings.table import Rows, samples_of, Table, TableInMemory
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stored.recording_writer import sensor_in
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
@@ -207,11 +207,11 @@ class OpenTable:
         self.require()
         pairs = list(zip(self.tables, self.columns, strict=True))
         spacings_s = [
-            float(np.median(np.diff(block.stamps_ns))) / NANOSECONDS
+            float(np.median(np.diff(stamps_ns))) / NANOSECONDS
             for table, placed in pairs
             for rows in islice(_rows_of(table, placed), 1)
             for block in samples_of(rows.stamps_ns, rows.values)
-            if len(block.stamps_ns) > 1
+            if len(stamps_ns := np.unique(block.stamps_ns)) > 1
         ]
         spacing_s = min((s for s in spacings_s if s <= LONGEST_SPACING_S), default=1.0)
         if spacing_s <= 1.0:
@@ -237,7 +237,7 @@ def _rows_of(
 ) -> Iterator[Rows]:
     """Read a table; where its clock stops before another one in it, say so first."""
     try:
-        yield from whole_stamps(table.rows(placed, progress))
+        yield from table.rows(placed, progress)
     except RecordingError as error:
         clocks = column_proposal.warn_of_clocks(placed, table)
         raise RecordingError(' '.join([*clocks, str(error)])) from error

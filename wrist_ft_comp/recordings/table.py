@@ -8,7 +8,7 @@ incomplete, it is left out.
 
 import bz2
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass
@@ -414,29 +414,11 @@ def _by_library(path: Path, library: str) -> Iterator[str]:
         ) from error
 
 
-def whole_stamps(blocks: Iterable[Rows]) -> Iterator[Rows]:
-    """Move rows of one stamp, which are one sample, into one block."""
-    held: Rows | None = None
-    for rows in blocks:
-        count = 0
-        if held is not None:
-            goes_on = rows.stamps_ns == held.stamps_ns[-1]
-            count = int(np.argmin(np.append(goes_on, False)))
-            held = held.joined(rows.part(0, count)) if count else held
-            if count == len(rows.lines):
-                continue
-            yield held
-        held = rows.part(count, None)
-    if held is not None:
-        yield held
-
-
 def samples_of(stamps_ns: IntArray, values: Mapping[str, FloatArray]) -> Iterator[Samples]:
     """
     Make blocks of samples of the values of channels, shape (n,), NaN where there is none.
 
-    A group of channels is split where a row holds a part of it. Rows of one stamp, which the clock
-    of a recorder is too coarse to tell apart, are one sample: their mean.
+    A group of channels is split where a row holds a part of it.
     """
     alone = [(channel,) for channel in values if channel.startswith('temperature')]
     for whole in (AXES, *alone, *GROUPS[1:]):
@@ -447,10 +429,5 @@ def samples_of(stamps_ns: IntArray, values: Mapping[str, FloatArray]) -> Iterato
         together = (filled == filled[0]).all()
         for channels in [group] if together else [(channel,) for channel in group]:
             at = ~np.isnan(values[channels[0]])
-            block, times_ns = np.stack([values[c][at] for c in channels], 1), stamps_ns[at]
-            starts = np.flatnonzero(np.diff(times_ns, prepend=times_ns[:1] - 1))
-            if len(starts) < len(times_ns):
-                counts = np.diff(starts, append=len(times_ns))
-                block = np.add.reduceat(block, starts) / counts[:, np.newaxis]
-                times_ns = times_ns[starts]
-            yield Samples(channels, times_ns, block)
+            block = np.stack([values[channel][at] for channel in channels], axis=1)
+            yield Samples(channels, stamps_ns[at], block)
