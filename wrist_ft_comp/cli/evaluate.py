@@ -9,7 +9,6 @@ from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.terminal import content_words, print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor
 from wrist_ft_comp.fit.folds import averaged_s
-from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report import evaluation, report_content
@@ -67,13 +66,8 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         if hash_recording(path) in {sha256 for _, sha256 in report_content.model_sources(stored)}:
             warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
         warnings += recording.warnings
-        compared, true = recording, reference
-        if reference == 'payload':
-            work = learn_at_work([recording])
-            compared, true = work.drift[0], 'recorded'
-            warnings += work.warnings
-        warnings += tuple(evaluation.without_steps(compared, true)[1])
-        errors = evaluation.tared_errors(stored.model, compared, true, tare_s)
+        errors = evaluation.tared_errors(stored.model, recording, reference, tare_s)
+        warnings += errors.warnings
         # Of a recording that fits the model.
         warnings += tuple(evaluation.range_warnings(stored, recording))
         recording = replace(recording, warnings=warnings)

@@ -1,6 +1,7 @@
 """What a model leaves of the drift in recordings: errors in means over 10 s, and their figures."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -28,6 +29,8 @@ class TaredErrors(NamedTuple):
 
     before: FloatArray
     after: FloatArray
+    #: What was left out or taken out of the recording, in sentences.
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -75,9 +78,14 @@ def tared_errors(
     shorter than the tare, or holds nothing to compare with.
     """
     refusals.check_range('tare_s', tare_s, 0.0, above=True)
+    warnings: tuple[str, ...] = ()
     if reference == 'payload':
-        recording, reference = learn_at_work([recording]).drift[0], 'recorded'
-    recording, _ = without_steps(recording, reference)
+        work = learn_at_work([recording])
+        recording, reference, warnings = work.drift[0], 'recorded', work.warnings
+    # A load that moves is left as it is.
+    with suppress(refusals.CalibrationRefusedError):
+        (recording,), sentences = segment([recording], reference)
+        warnings += tuple(sentences)
     true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
     before, after = (
         correct(recording.wrench, drift, tare_at_start(recording, true, drift, tare_s)) - true
@@ -89,21 +97,13 @@ def tared_errors(
             'reference unloaded or constant, or record it.'
         )
     cells = averaged_cells(recording.period_s)
-    return TaredErrors(mean_over(before, cells), mean_over(after, cells))
-
-
-def without_steps(recording: Recording, reference: Reference) -> tuple[Recording, list[str]]:
-    """Take steps and outliers out of a still load, and say so; one that moves is left as it is."""
-    try:
-        ((still,), sentences) = segment([recording], reference)
-    except refusals.CalibrationRefusedError:
-        return recording, []
-    return still, sentences
+    return TaredErrors(mean_over(before, cells), mean_over(after, cells), warnings)
 
 
 def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]:
     """Put errors into figures by axis, those that any recording has: all errors alike."""
-    before, after = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
+    before = np.concatenate([errors.before for errors in recordings])
+    after = np.concatenate([errors.after for errors in recordings])
     judged = {}
     for axis, *errors in zip(AXES, before.T, after.T, strict=True):
         both = np.stack(errors)[:, np.isfinite(errors).all(axis=0)]

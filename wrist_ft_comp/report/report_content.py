@@ -200,7 +200,7 @@ def evaluation_content(
     over = averaged_cells(recordings[0].period_s)
     cell = np.concatenate([mean_over(np.arange(len(r), dtype=float), over) for r in recordings])
     means_c = np.concatenate([mean_over(r.temperature_c, over) for r in recordings])
-    both = np.concatenate([np.stack(judged.errors, axis=2) for judged in evaluated])
+    both = np.concatenate([np.stack((e.errors.before, e.errors.after), 2) for e in evaluated])
     axes: list[AxisView] = []
     for axis, errors in judge_errors([judged.errors for judged in evaluated]).items():
         unit, limit = axis_unit(axis), stored.model.day_limits.get(axis, np.nan)
