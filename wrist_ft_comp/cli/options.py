@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 import re
-import shlex
 from typing import get_args, NoReturn
 
 from wrist_ft_comp.errors import RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.recording import Reference, Topics
-from wrist_ft_comp.recordings.read import files_of
+from wrist_ft_comp.recordings.read import kind_of
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
@@ -104,11 +103,11 @@ def topics_from(arguments: argparse.Namespace, paths: Sequence[Path]) -> Topics:
     """
     Build the topics that were given, or the model's; SettingsError if not meant so.
 
-    RecordingError, with the command that makes a bag, where a path holds no recording.
+    RecordingError where a path holds no recording.
     """
     usual = load_model(arguments.model).topics if 'model' in arguments else Topics()
     temperatures = tuple(arguments.temperature_topic or usual.temperatures)
-    sources = parse_sources(temperatures, lambda topic: topic.strip('/'))
+    parse_sources(temperatures, lambda topic: topic.strip('/'))
     topics = Topics(
         arguments.wrench_topic or usual.wrench, temperatures, arguments.reference_topic,
         arguments.imu_topic, arguments.gravity_frame,
@@ -117,13 +116,7 @@ def topics_from(arguments: argparse.Namespace, paths: Sequence[Path]) -> Topics:
         exclude=tuple(getattr(arguments, 'exclude', ())))  # fmt: skip
     parse_options(topics)
     for path in paths:
-        if not all(file.exists() for file in files_of(path)):
-            named = shlex.join([topics.wrench, *(source.topic for source in sources)])
-            raise RecordingError(
-                f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file. To '
-                f'make one, run "ros2 bag record -s mcap -o warm_up {named}" with the names of '
-                "your driver's topics."
-            )
+        kind_of(path)
         if MODEL.is_own(path):
             raise RecordingError(
                 f'{path} is a model file, where a recording was expected. Name a bag or a CSV '

@@ -45,7 +45,11 @@ def kind_of(path: Path) -> str:
     if len(files_of(path)) > 1:
         return TABLE
     if not path.exists():
-        raise RecordingError(f'{path} does not exist; expected a bag, an .mcap, .db3 or CSV file.')
+        raise RecordingError(
+            f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file. To make '
+            f'one, run "ros2 bag record -s mcap -o warm_up {Topics.wrench} '
+            f'{Topics.temperatures[0]}" with the names of your driver\'s topics.'
+        )
     if not path.is_file() and not path.is_dir():
         raise RecordingError(
             f'{path} is no file and no folder, and may never end. Write what it gives into a file.'
