@@ -1,21 +1,16 @@
 """What recordings have seen, and what to do next: one list, the most useful first."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 import json
-from pathlib import Path
 import re
 import shlex
 from shutil import which
 
 import numpy as np
 
-from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import Recording, Reference, Topics
-from wrist_ft_comp.recordings.bag import survey_bag
-from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.evaluation import SAME_K
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
@@ -78,9 +73,6 @@ class Case:
     levels: Mapping[str, Level]
     #: What was found while reading and fitting, in sentences.
     warnings: Sequence[str]
-    #: Where the recordings lie, and the thermometers of them that were used, as options name them.
-    paths: Sequence[Path] = ()
-    thermometers: Sequence[str] = ()
     #: The command to go on with: it runs a model that was judged, and judges one that was learnt.
     #: Empty where a model was judged on what it was learnt from.
     run: str = ''
@@ -151,7 +143,7 @@ def advise(case: Case) -> tuple[str, ...]:
         steps += _judged(case, outside)
     some_are_good = 'good' in case.levels.values()
     if unexplained and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
-        steps.append(_missing_thermometer(case, unexplained, is_searched=not some_are_good))
+        steps.append(_missing_thermometer(case, unexplained))
     if case.learnt_c and poor and not steps:
         left = f'Much of the drift of {_enumerate(poor)} is left; a report says why.'
         steps.append(f'{left} {_CALIBRATE_AGAIN}')
@@ -160,27 +152,17 @@ def advise(case: Case) -> tuple[str, ...]:
     return (*steps, *(() if case.learnt_c else _recorded(case)))
 
 
-def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) -> str:
-    """Ask for another thermometer; name one that the bag holds and nobody used."""
+def _missing_thermometer(case: Case, poor: Sequence[str]) -> str:
+    """Ask for another thermometer."""
     count, axes = len(case.coverage.range_c), _enumerate(poor)
     who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
     what = 'any axis' if len(poor) == len(case.levels) > 1 else axes
     head = f'{who} not explain {what} well: heat enters at a place without one.'
     if len(case.recordings) > 1:
         head += ' Or the sensor was exchanged: calibrate from the recordings since then.'
-    used = {entry.strip('/') for entry in case.thermometers}
-    unused: list[str] = []
-    with suppress(WristFtCompError, OSError):  # the recording may be gone
-        for path in case.paths[:1] if is_searched else ():
-            with open_bag(path) as bag:
-                candidates, _ = survey_bag(bag)
-            unused = [c.entry for c in candidates if c.moves and c.entry.strip('/') not in used]
-    if not unused:
-        return f'{head} Put another one at the flange: where the motor heats it, or opposite.'
-    options = (f'--temperature-topic {shlex.quote(e)}' for e in (*case.thermometers, *unused))
     return (
-        f'{head} {case.paths[0].name} holds {_enumerate(unused)}, too, which was not used. '
-        f'Calibrate with\n{" ".join(options)}'
+        f'{head} Use another one that the recording holds (wrist_ft_comp show), or put one at the '
+        'flange: where the motor heats it, or opposite.'
     )
 
 

@@ -168,8 +168,6 @@ def calibration_content(
         levels[axis] = 'weak' if verdict.level == 'uncalibrated' and drifts else verdict.level
     case = advices.Case(
         recordings, coverage, reference, levels, calibration.warnings,
-        [Path(path) for path, _ in model_sources(stored)],
-        stored.sensor.get('temperature_topics', ()),
         run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     legend, first = _FIGURES, next(iter(held.values()))
@@ -234,8 +232,7 @@ def evaluation_content(
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = advices.Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
-        warnings, paths, stored.sensor.get('temperature_topics', ()),
-        run=run if is_another_day else '',
+        warnings, run=run if is_another_day else '',
         beyond=[axis.axis for axis in axes if axis.errors.max_after > axis.day_limit],
         unlearnt=[axis.axis for axis in axes if axis.verdict.level == 'uncalibrated'
                   and axis.errors.rms_before > verdicts.NOISE_MARGIN * axis.series.noise],
