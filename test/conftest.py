@@ -5,7 +5,6 @@ Everything here is seeded and written without the package's mathematics and code
 """
 
 from dataclasses import replace
-from functools import cache
 import gc
 from importlib.util import find_spec
 import struct
@@ -359,18 +358,10 @@ class Messages:
 @pytest.fixture(scope='module')
 def without_pictures():
     """Write reports without pictures, which take most of the time; test/report looks at them."""
-    from wrist_ft_comp.report import html_page  # noqa: PLC0415 -- only who needs it
-
-    templates = html_page._environment.__wrapped__
-
-    @cache
-    def of_words():
-        environment = templates()
-        environment.filters['svg'] = lambda *_: ''
-        return environment
+    from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- only who needs it
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(html_page, '_environment', of_words)
+        patch.setattr(pictures, 'svg_text', lambda *_: '')
         yield
 
 

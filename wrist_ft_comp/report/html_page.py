@@ -1,7 +1,6 @@
 """The page: one self-contained HTML text that says how good a model is, and shows why."""
 
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -24,21 +23,6 @@ REPORT = Output(
 
 def page(view: report_content.ReportContent) -> str:
     """Write the page: HTML that loads nothing; its script only shows numbers of its pictures."""
-    return _environment().get_template('report.html.j2').render(view=view)
-
-
-def write_report(
-    path: Path | str, stored: StoredModel, calibration: Calibration,
-    recordings: Sequence[Recording],
-) -> None:  # fmt: skip
-    """Write the report of a calibration that was saved; OutputError over what is no report."""
-    content = report_content.calibration_content(calibration, recordings, stored)
-    REPORT.write(Path(path), page(content))
-
-
-@cache
-def _environment() -> Environment:
-    """Prepare the templates, which lie beside this module."""
     from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
 
     environment = Environment(
@@ -48,4 +32,13 @@ def _environment() -> Environment:
     environment.globals.update(
         content=report_content, generator=GENERATOR, levels=LEVEL_NAMES, number=rounded,
         pictures=pictures, zip=zip)  # fmt: skip
-    return environment
+    return environment.get_template('report.html.j2').render(view=view)
+
+
+def write_report(
+    path: Path | str, stored: StoredModel, calibration: Calibration,
+    recordings: Sequence[Recording],
+) -> None:  # fmt: skip
+    """Write the report of a calibration that was saved; OutputError over what is no report."""
+    content = report_content.calibration_content(calibration, recordings, stored)
+    REPORT.write(Path(path), page(content))
