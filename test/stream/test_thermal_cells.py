@@ -171,8 +171,8 @@ def test_nothing_is_lost_and_nothing_piles_up_while_a_thermometer_is_silent(sile
 
 def test_specific_force_may_come_without_a_speed_of_rotation_or_not_at_all():
     averager = thermal_cells.CellAverager(SECOND, 1, with_force=True)
-    for cell, force, speed in ((5, 9.0, 3.0), (5, 11.0, None), (5, 10.0, 4.0), (6, 8.0, None)):
-        averager.add_force(cell * SECOND, (0.0, 1.0, force), speed)
+    for cell, *numbers in ((5, 9.0, 9.0), (5, 11.0), (5, 10.0, 16.0), (6, 8.0)):  # speed squared
+        averager.add(thermal_cells.FORCE, cell * SECOND, (0.0, 1.0, *numbers))
         averager.add(thermal_cells.RAW, cell * SECOND, [1.0] * 6)
     for cell in (5, 6, 7):
         averager.add_cells([thermal_cells.ThermalCell(cell, np.array([20.0]), np.array([True]))])

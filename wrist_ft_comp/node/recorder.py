@@ -191,8 +191,9 @@ class Recorder(Part):
 
     def on_specific_force(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
         """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
+        values = force if speed is None else (*force, speed * speed)
         for recording in self._running:
-            recording.averager.add_force(stamp_ns, force, speed)
+            recording.averager.add(grid.FORCE, stamp_ns, values)
 
     def on_reference(self, data: bytes) -> None:
         """Take one reference wrench."""

@@ -181,12 +181,8 @@ class CellAverager:
         #: Cells before it have their row; their samples come too late, unless time ran back.
         self._begin = -inf
 
-    def add_force(self, stamp_ns: int, force: Sequence[float], speed: float | None) -> None:
-        """Take a specific force, m/s², and the speed of rotation, rad/s, where it is known."""
-        self.add(FORCE, stamp_ns, force if speed is None else (*force, speed * speed))
-
     def add(self, column: int, stamp_ns: int, values: Sequence[float]) -> None:
-        """Take a RAW or a REFERENCE wrench, N and N m, axis order AXES."""
+        """Take a RAW or a REFERENCE wrench, N and N m, or FORCE, m/s², perhaps with speed²."""
         cell = stamp_ns // self._period_ns
         self._latest[column] = cell
         self._latest.setdefault(TEMPERATURE, cell)  # they are waited for from the beginning
