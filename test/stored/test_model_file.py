@@ -2,6 +2,7 @@
 
 import copy
 from dataclasses import replace
+from functools import partial
 import hashlib
 from importlib import resources
 import json
@@ -20,7 +21,7 @@ from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.fit.result import AxisFit, Calibration, Candidate
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.stored.model_file import KIND, load_model, save_model
+from wrist_ft_comp.stored.model_file import KIND, load_model, restore_model, save_model
 
 #: Written in C where PyYAML has it.
 FAST = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
@@ -276,7 +277,7 @@ def test_a_huge_file_is_refused_unread(tmp_path):
         load_model(tmp_path)
 
 
-def test_the_schema_and_the_records_agree(document, load):
+def test_the_schema_and_the_records_agree(document, load, tmp_path):
     """The schema is a document: it takes what is written, and what it refuses is refused."""
     name = 'model.schema.json'
     schema = json.loads(resources.files('wrist_ft_comp.stored').joinpath(name).read_text('utf-8'))
@@ -284,14 +285,15 @@ def test_the_schema_and_the_records_agree(document, load):
     validator.validate(document)
     refused = 0
     for path, value in one_of_each_kind(document):
+        take = load if len(path) == 1 else partial(restore_model, tmp_path, '')  # 5 times as fast
         for other in ('text', True, None, -1.0, [], {}):
             changed = with_value(document, path, other)
             if type(other) is not type(value) and not validator.is_valid(changed):
                 with pytest.raises(ModelFileError):
-                    load(changed)
+                    take(changed)
                 refused += 1
         for other in (float('nan'), float('inf')):
             if 'model' in path and isinstance(value, int | float):
                 with pytest.raises(ModelFileError):
-                    load(with_value(document, path, other))
+                    take(with_value(document, path, other))
     assert refused > 200
