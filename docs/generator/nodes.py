@@ -41,7 +41,7 @@ STATUSES = """\
 Statuses in `/diagnostics` (REP-107), each named `NODE: STATUS`. `AXIS` stands for `force_x` and so
 on. A model and the first messages bring further values: in `output` `AXIS_raw`, `AXIS_compensated`
 and `AXIS_drift_deviation`, the standard deviation of the drift that is subtracted.
-`state` says in words what became of the saved state at the start, `turn` how the IMU is turned.
+`state` says where the drift comes from, after a restart, too, `turn` how the IMU is turned.
 """
 #: What the topics and services are for.
 PURPOSE = {

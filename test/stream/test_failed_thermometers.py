@@ -127,7 +127,7 @@ def test_one_that_stands_as_long_as_in_its_calibration_is_believed(
     learn, make_day, stood_s, is_replaced
 ):
     model = replace(learn(3).model, stands_s=(30.0, stood_s, 30.0))
-    day = failing(make_day(6), 'frozen', begin=300, end=400)
+    day = failing(make_day(6), 'frozen', begin=300, end=385)
     assert bool(thermometer_doubts(model, day)) == is_replaced
 
 

@@ -13,8 +13,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import find_plateaus, MIN_SAMPLES
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, time_in
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
-from wrist_ft_comp.stream.failed_thermometers import stands_s, too_still_s
-from wrist_ft_comp.stream.temperature_jumps import FASTEST_K_S, jumps
+from wrist_ft_comp.stream.temperature_jumps import jumps
 
 #: Temperatures of one day differ by less than this, K, also where a thermometer has few digits.
 #: Two days on which a robot repeats one program differ by more; their motion passes for noise.
@@ -191,7 +190,6 @@ def drop_unknown_temperatures(recordings: Sequence[Recording]) -> Cleaned:
         asked_c = reported_c if others_moved else [own_c]
         for j, measured in enumerate(recording.measured.T):
             frozen, *_ = _find_stuck([own_c[j], *(of_one[j] for of_one in asked_c)])
-            frozen |= _find_frozen(own_c[j], recording.period_s)
             runs, what = _unknown(recording, j, ~measured | frozen)
             for first, last in runs:
                 wrench[first:last] = np.nan
@@ -204,19 +202,6 @@ def drop_unknown_temperatures(recordings: Sequence[Recording]) -> Cleaned:
                 sentences.append(f'{what}; wrenches of that time are not learnt from.')
         sound.append(replace(recording, wrench=wrench))
     return sound, sentences
-
-
-def _find_frozen(own_c: FloatArray, period_s: float) -> BoolArray:
-    """Mark where a coarse thermometer, °C, (N,), reads the same for longer than is likely live."""
-    at = np.flatnonzero(np.isfinite(own_c))
-    marked = np.zeros(len(own_c), dtype=bool)
-    every_s = period_s * float(np.median(np.diff(at))) if len(at) > 1 else period_s
-    lengths = np.round(stands_s(own_c[at], every_s) / every_s).astype(int)
-    frozen = lengths * every_s > LONG_SILENCE_S
-    for k in np.flatnonzero(frozen).tolist():
-        frozen[k] = too_still_s(own_c[at[: lengths[: k + 1].sum()]], every_s) > 0
-    marked[at] = np.repeat(frozen, lengths)
-    return marked
 
 
 def _unknown(recording: Recording, j: int, absent: BoolArray) -> tuple[list[tuple[int, int]], str]:
@@ -285,8 +270,7 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
         for j in range(recording.thermometers):
             at = np.flatnonzero(recording.measured[:, j])
             steps_k = np.diff(recording.temperature_c[at, j])
-            taken_s = np.diff(at) * recording.period_s
-            jumped = np.flatnonzero(jumps(steps_k, taken_s, FASTEST_K_S))
+            jumped = np.flatnonzero(jumps(steps_k, np.diff(at) * recording.period_s))
             if len(jumped):
                 when = time_in(recording, at[jumped[0] + 1])
                 sentences.append(

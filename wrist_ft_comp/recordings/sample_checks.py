@@ -132,7 +132,7 @@ class _Group:
             yield (
                 f'{title}: {self.spikes.dropped} of {self.samples} samples changed faster than '
                 f'metal can, first at stamp {stamp_ns / NANOSECONDS:.0f} s with {reading_c:.1f} '
-                '°C; left out.'
+                '°C; left out. Is it loose?'
             )
         used, span_ns = self.samples - dropped, self.last_ns - self.first_ns
         if used > _BURST and span_ns * _FASTEST_HZ < used * NANOSECONDS:

@@ -173,7 +173,8 @@ def step(  # noqa: PLR0913, PLR0917 -- a cell as it comes
     # those that have agreed.
     reports = state.reports(prediction)
     usual_s = np.clip([stand_s or 0.0 for stand_s in stands_s] or 0.0, STILL_S, _KNOWN_S)
-    wrong = ~replaced & ~reports & ((still_s >= usual_s) | (silent_s > prediction.silence_s))
+    is_still = (still_s >= usual_s) | state.suspicious(prediction, 2.0) & (still_s >= STILL_S)
+    wrong = ~replaced & ~reports & (is_still | (silent_s > prediction.silence_s))
     agrees = replaced & reports & (np.abs(reading_c - smooth_c) <= prediction.agree_k)
     agreed_s = np.where(agrees, before.agreed_s + time_s, 0.0)
     reasons = list(before.reasons)

@@ -23,6 +23,8 @@ from wrist_ft_comp.stream.gaps_and_restarts import outage_cells
 _REPORTS = 3
 #: Longest patience, s: drift moves little meanwhile, and a gateway may send some seconds at once.
 _LONGEST_WAIT_S = 10.0
+#: A mean of a minute comes later than its stamp by up to two, s.
+_LATEST_S = 120.0
 #: First columns of what is averaged: CHANNELS, with the square of the speed of rotation, and the
 #: temperatures.
 RAW, REFERENCE, FORCE, TEMPERATURE = 0, 6, 12, 16
@@ -56,6 +58,8 @@ class ThermalGrid:
         self._patience = outage_cells(period_ns, min(patience_s, _LONGEST_WAIT_S))
         #: Where none reports for longer, all were out; all of them may report seldom.
         self._outage = outage_cells(period_ns, patience_s)
+        #: What is later is of another clock.
+        self._latest = outage_cells(period_ns, max(patience_s, _LATEST_S))
         #: How many cells the last samples of each were apart.
         self._spacings = [deque[int](maxlen=_REPORTS) for _ in range(thermometers)]
         #: The mean of the last cell of each, °C, and that cell.
@@ -93,8 +97,7 @@ class ThermalGrid:
         cell, done = stamp_ns // self.period_ns, list[ThermalCell]()
         if len(self._newest) == self._thermometers:  # all have reported
             if cell < self._next:  # late, but newer than what is held: of the next cell
-                oldest = max(self._held_from[thermometer] + 1, self._next - self._outage)
-                if cell < oldest:
+                if cell < max(self._held_from[thermometer] + 1, self._next - self._latest):
                     self.rejected += 1
                     return []
                 cell = int(self._next)
