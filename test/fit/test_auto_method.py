@@ -50,6 +50,21 @@ class TestWhatIsFound:
         assert 0.7 * kept[2] < single.expected_rms < 1.1 * kept[2]
         assert single.expected_rms > 1.1 * single.rms_after
 
+    def test_a_day_under_one_load_beside_one_at_work_leaves_no_axis_alone(
+        self, make_axis_data, warm_up
+    ):
+        """Fitted to that day alone, gain drift would predict the other day wildly."""
+        rng, temperatures = np.random.default_rng(0), [warm_up(CELLS, 1), warm_up(CELLS, 2)]
+        loads = [14 * rng.uniform(-1, 1, CELLS), 14 + 0.03 * rng.standard_normal(CELLS)]
+        raws = [
+            w + (0.4 + 1e-3 * w) * (c - 20) + 0.05 * rng.standard_normal(CELLS)
+            for w, c in zip(loads, temperatures, strict=True)
+        ]
+        single = ridges.identify_auto(make_axis_data(temperatures, raws, loads), LINE)
+        assert single.chosen == ridges.COMBINATION
+        assert single.model.outputs == 2
+        assert rms_by_fold(single.held_out).after.max() < 0.3
+
     def test_an_idle_hour_beside_warm_ups_leaves_no_axis_alone(self, make_axis_data, warm_up):
         rng = np.random.default_rng(0)
         temperatures = [warm_up(CELLS, 1), warm_up(CELLS, 2), 20 + rng.normal(0, 0.2, CELLS)]

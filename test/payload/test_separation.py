@@ -42,6 +42,17 @@ def test_steps_that_leave_no_stretch_are_refused(plain, monkeypatch):
         separate(plain)
 
 
+def test_the_time_in_which_an_imu_hangs_does_not_count(plain):
+    """Its driver repeats the last message, of a robot that turns."""
+    day = plain[0]
+    speed = 0.01 + 0.001 * np.random.default_rng(0).random(1200)
+    force = day.specific_force.copy()
+    force[900:], speed[900:] = force[900], speed[900]
+    found = separate([replace(day, specific_force=force, rotation_speed=speed)])
+    assert np.isnan(found.drift[0].wrench[901:]).all()
+    assert np.isfinite(found.drift[0].wrench[:900]).mean() > 0.7
+
+
 class TestPayloads:
     def test_tool_and_part_are_found_lightest_first_beside_drift_and_contacts(self, learnt):
         for axis in ('force_x', 'force_z', 'torque_y'):

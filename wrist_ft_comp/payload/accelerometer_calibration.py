@@ -15,7 +15,7 @@ from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.weight import ForceFrame, SAME_SHARE
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.series import BoolArray, differ, FloatArray
 
 #: A sensor that turns more slowly is at rest, rad/s.
 _REST_RAD_S = 0.03
@@ -44,6 +44,15 @@ def rotation_speed(recording: Recording) -> FloatArray:
     if speed is None:
         speed = turning_speed(np.asarray(recording.specific_force), recording.period_s)
     return np.nan_to_num(speed)
+
+
+def repeats_itself(recording: Recording) -> BoolArray:
+    """Mark cells, (N,), of an IMU whose driver hangs: its gyroscope, too, reads the same."""
+    if recording.rotation_speed is None:
+        return np.zeros(len(recording), dtype=bool)
+    felt = np.column_stack((np.asarray(recording.specific_force), recording.rotation_speed))
+    same = ~differ(felt[1:], felt[:-1]).any(axis=1) & (felt[1:, -1] > 0)
+    return np.append(False, same)
 
 
 @dataclass(frozen=True, eq=False)

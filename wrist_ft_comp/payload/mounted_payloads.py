@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.payload.accelerometer_calibration import rotation_speed
+from wrist_ft_comp.payload.accelerometer_calibration import repeats_itself, rotation_speed
 from wrist_ft_comp.payload.mass_and_center import CONTRAST, MISFIT, rigid_bodies, RigidBodies
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
@@ -148,6 +148,7 @@ def cut(
     force = np.concatenate(forces)
     speed = np.concatenate([rotation_speed(recording) for recording in recordings])
     holds = np.isfinite(wrench).all(axis=1) & np.isfinite(force).all(axis=1) & (speed < FASTEST)
+    holds &= ~np.concatenate([repeats_itself(recording) for recording in recordings])
     usable = holds[rows] & (rows >= 0)
     wrench, force = (np.where(usable[..., None], part[rows], 0.0) for part in (wrench, force))
     usable &= usable.mean(axis=1, keepdims=True) >= LEAST_FREE_SHARE
