@@ -260,14 +260,16 @@ def test_a_sensor_as_cold_as_a_room_has_soaked_over_the_night(
     assert bool(gap_doubts(morning.tracker)) == is_doubted
 
 
-@pytest.mark.parametrize(('gap', 'moves', 'is_said'), [
-    ((2500, 3300, 1), lambda _: 0.0, False), ((2500, 3300, 1), lambda at: max(at - 3300, 0), True),
-    ((3000, 3000, 100), lambda at: 400 * math.sin(at / 300), False),
-    ((3000, 3500, 100), lambda at: 400 * math.sin(at / 300), True),
-], ids=['quiet', 'moves after it', 'reports seldom', 'pauses'])  # fmt: skip
-def test_a_gap_is_doubted_where_a_robot_moves(make_model, gap, moves, is_said):
-    end, begin, every_s = gap
-    compensator = Compensator(1, model=doubting(make_model, 300.0))
+@pytest.mark.parametrize(('gap', 'allowed_s', 'moves', 'is_said'), [
+    ((2500, 3300, 1), 5.0, lambda _: 0.0, False),
+    ((2500, 3300, 1), 5.0, lambda at: max(at - 3300, 0), True),
+    ((3000, 3000, 100), 5.0, lambda at: 400 * math.sin(at / 300), False),
+    ((3000, 3500, 100), 5.0, lambda at: 400 * math.sin(at / 300), True),
+    ((3000, 3500, 100), 3600.0, lambda at: 400 * math.sin(at / 300), False),
+], ids=['quiet', 'moves after it', 'reports seldom', 'pauses', 'may pause'])  # fmt: skip
+def test_a_gap_is_doubted_where_a_robot_moves(make_model, gap, allowed_s, moves, is_said):
+    (end, begin, every_s), settings = gap, StreamSettings(temperature_timeout_s=allowed_s)
+    compensator = Compensator(1, settings, doubting(make_model, 300.0))
     seconds = *range(0, end, every_s), *range(begin, begin + 500, every_s)
     heat(seconds, lambda second: 30.0 + moves(second) / 100, compensator)
     assert bool(gap_doubts(compensator.tracker)) == is_said

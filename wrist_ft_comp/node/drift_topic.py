@@ -112,7 +112,7 @@ class DriftTopic(Part):
         if fast:
             yield f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
         if not stream.compensating:
-            yield 'not compensated: no model or no temperature yet'
+            yield 'not compensated: no model, or no thermometer has reported twice yet'
         elif stream.model is not None and not stream.model.axes:
             yield 'not compensated: the model compensates no axis'
         yield from filter(None, [self.hub.incompatible.get('wrench')])

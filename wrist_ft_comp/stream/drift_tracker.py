@@ -148,11 +148,12 @@ class DriftTracker:
         gap = 0 if self._next is None else cell.number - self._next
         gap_s, history_c, state_before = gap * period_s, self.history_c, self.state
         why = self._stood_still(cell, gap_s) if self.awaited else ''
+        allowed_s = 0.0 if self.awaited else self.patience_s
         goes_on = self._goes_on(gap_s, why) if gap or self.awaited else True
         gap_s = 2.0 * self.memory_s if why else gap_s
-        # A pause of thermometers that report seldom is none.
+        # A pause of thermometers that report seldom, or that is allowed, is none.
         usual_s = 2 * period_s * max(map(self.grid.spacing, range(self._count)))
-        is_long = gap_s > max(gaps_and_restarts.LEAST_GAP_S, usual_s)
+        is_long = gap_s > max(gaps_and_restarts.LEAST_GAP_S, usual_s, allowed_s)
         is_doubtful = not goes_on or is_long
         gap = max(gap, 0) if goes_on else 0
 
