@@ -65,6 +65,16 @@ class TestWhatIsFound:
         assert single.model.outputs == 2
         assert rms_by_fold(single.held_out).after.max() < 0.3
 
+    def test_gain_drift_is_learnt_of_weights_that_differ_between_days(
+        self, make_axis_data, warm_up
+    ):
+        temperatures = [warm_up(CELLS, seed) for seed in range(3)]
+        loads = [np.full(CELLS, 50.0 * n) for n in range(3)]
+        raws = [w + (0.4 + 1e-3 * w) * (c - 20) for w, c in zip(loads, temperatures, strict=True)]
+        single = ridges.identify_auto(make_axis_data(temperatures, raws, loads), LINE)
+        gains = np.diff(run(single.model, np.array([[30.0], [40.0]])), axis=0)
+        np.testing.assert_allclose(gains, [[4.0, 0.01]], rtol=0.1)
+
     def test_an_idle_hour_beside_warm_ups_leaves_no_axis_alone(self, make_axis_data, warm_up):
         rng = np.random.default_rng(0)
         temperatures = [warm_up(CELLS, 1), warm_up(CELLS, 2), 20 + rng.normal(0, 0.2, CELLS)]

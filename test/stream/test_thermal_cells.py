@@ -45,13 +45,14 @@ def test_after_an_outage_the_others_are_waited_for_with_patience(back_s, number,
     assert first.temperature_c == pytest.approx([number, last_c])
 
 
+@pytest.mark.parametrize(('every_s', 'late_s'), [(60, 30), (1, 30), (10, 110)])
 @pytest.mark.parametrize('patience_s', [5.0, 120.0])
-def test_means_of_a_minute_that_come_at_its_end_count_when_they_come(patience_s):
+def test_what_comes_late_counts_when_it_comes(patience_s, every_s, late_s):
     grid = thermal_cells.ThermalGrid(SECOND, 2, patience_s)
     quick = seconds(0, *((s + 0.5, 20.0) for s in range(610)))
-    late = seconds(1, *((float(s), float(s)) for s in range(30, 600, 60)))
-    stream = sorted([*quick, *late], key=lambda one: one[1] + one[0] * 30 * SECOND)
-    assert feed(grid, stream)[-1].temperature_c.tolist() == [20.0, 570.0]
+    late = seconds(1, *((float(s), float(s)) for s in range(30, 600 - late_s, every_s)))
+    stream = sorted([*quick, *late], key=lambda one: one[1] + one[0] * late_s * SECOND)
+    assert feed(grid, stream)[-1].temperature_c.tolist() == [20.0, late[-1][2]]
     assert grid.rejected == 0
 
 

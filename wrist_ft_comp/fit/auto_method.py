@@ -65,8 +65,8 @@ _LITTLE = 0.1
 _TRANSIENT_VARIANCE = 30.0
 
 
-#: A load varies where the square of what varies is above this share of that of all, as 10 % do.
-_VARIES = 0.01
+#: A load varies where the square of what varies is above this share of that of all, as 3 % do.
+_VARIES = 0.001
 
 
 class RidgeFit(NamedTuple):
@@ -259,12 +259,13 @@ class SumsByFold(NamedTuple):
             total = total - np.outer(sums, sums) / count
         # A column that is constant within each segment holds nothing; rounding must not pretend.
         silent = np.diagonal(total) <= ROUNDING * np.diagonal(whole)
-        # Under one load, gain drift looks like zero drift, and is taken for that.
-        if (
-            self.load < len(total)
-            and total[self.load, self.load] < _VARIES * whole[self.load, self.load]
-        ):
-            silent[self.load : -1] = True
+        if self.load < len(total):
+            # Under one load, gain drift looks like zero drift, and is taken for that. Where each
+            # segment has one of its own, only the constant gain error does not show.
+            square = whole[self.load, self.load]
+            varies = square * whole[0, 0] - whole[0, self.load] ** 2
+            silent[self.load] |= total[self.load, self.load] < _VARIES * square
+            silent[self.load + 1 : -1] |= varies < _VARIES * square * whole[0, 0]
         total[silent] = 0.0
         total[:, silent] = 0.0
         return total

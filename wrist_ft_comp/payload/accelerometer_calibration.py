@@ -19,6 +19,8 @@ from wrist_ft_comp.series import BoolArray, differ, FloatArray
 
 #: A sensor that turns more slowly is at rest, rad/s.
 _REST_RAD_S = 0.03
+#: A driver hangs more rarely than once in the inverse of this many cells.
+_HANGS = 0.01
 #: Expected bias of an accelerometer, m/s².
 _BIAS = 0.3
 #: No bias is as large as this share of gravity: samples whose norm differs by more are left out,
@@ -46,13 +48,18 @@ def rotation_speed(recording: Recording) -> FloatArray:
     return np.nan_to_num(speed)
 
 
-def repeats_itself(recording: Recording) -> BoolArray:
-    """Mark cells, (N,), of an IMU whose driver hangs: its gyroscope, too, reads the same."""
-    if recording.rotation_speed is None:
-        return np.zeros(len(recording), dtype=bool)
-    felt = np.column_stack((np.asarray(recording.specific_force), recording.rotation_speed))
-    same = ~differ(felt[1:], felt[:-1]).any(axis=1) & (felt[1:, -1] > 0)
-    return np.append(False, same)
+def repeats_itself(recordings: Sequence[Recording]) -> BoolArray:
+    """Mark cells of all of an IMU whose driver hangs: it reads the same, its gyroscope, too."""
+    marked = []
+    for recording in recordings:
+        felt, speed = np.asarray(recording.specific_force), recording.rotation_speed
+        felt = np.column_stack((felt, np.ones(len(felt)) if speed is None else speed))
+        same = ~differ(felt[1:], felt[:-1]).any(axis=1) & (felt[1:, -1] > 0)
+        marked.append(np.append(False, same))
+    same = np.concatenate(marked)
+    # One of few digits, or without noise, reads the same wherever the robot rests.
+    begins = np.count_nonzero(np.diff(same.astype(int), prepend=0) > 0)
+    return same & (begins <= _HANGS * np.count_nonzero(~same))
 
 
 @dataclass(frozen=True, eq=False)

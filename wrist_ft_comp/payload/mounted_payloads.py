@@ -148,7 +148,7 @@ def cut(
     force = np.concatenate(forces)
     speed = np.concatenate([rotation_speed(recording) for recording in recordings])
     holds = np.isfinite(wrench).all(axis=1) & np.isfinite(force).all(axis=1) & (speed < FASTEST)
-    holds &= ~np.concatenate([repeats_itself(recording) for recording in recordings])
+    holds &= ~repeats_itself(recordings)
     usable = holds[rows] & (rows >= 0)
     wrench, force = (np.where(usable[..., None], part[rows], 0.0) for part in (wrench, force))
     usable &= usable.mean(axis=1, keepdims=True) >= LEAST_FREE_SHARE

@@ -52,8 +52,8 @@ class ThermalGrid:
 
     def __init__(self, period_ns: int, thermometers: int, patience_s: float) -> None:
         self.period_ns = period_ns
-        #: Samples that came too late for their cell.
-        self.rejected = 0
+        #: Samples that came too late for their cell, and those of them that count in no other.
+        self.late = self.rejected = 0
         self._thermometers = thermometers
         self._patience = outage_cells(period_ns, min(patience_s, _LONGEST_WAIT_S))
         #: Where none reports for longer, all were out; all of them may report seldom.
@@ -71,6 +71,8 @@ class ThermalGrid:
         """Wait for all thermometers; the last values stay held."""
         #: The newest cell of each.
         self._newest: dict[int, int] = {}
+        #: The newest cell of each by its stamps: late samples count in later ones.
+        self._sent: dict[int, int] = {}
         #: While all are waited for, at the beginning and after an outage: the first cell of each.
         self._first: dict[int, int] | None = {}
         #: No cell before this one is emitted any more.
@@ -84,6 +86,7 @@ class ThermalGrid:
         self._next, self._first, self._held_c = cell, None, list(held_c)
         self._held_from = [cell - 1 - cells for cells in silent]
         self._newest = dict.fromkeys(range(self._thermometers), cell - 1)
+        self._sent = dict(enumerate(at + 1 for at in self._held_from))
 
     def move_to(self, cell: int) -> None:
         """Continue at a cell of another time, whatever was open."""
@@ -94,15 +97,18 @@ class ThermalGrid:
 
     def add(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[ThermalCell]:
         """Take a sample of a thermometer, from 0; give the cells that it completed."""
-        cell, done = stamp_ns // self.period_ns, list[ThermalCell]()
+        at = cell = stamp_ns // self.period_ns
+        done = list[ThermalCell]()
         if len(self._newest) == self._thermometers:  # all have reported
             if cell < self._next:  # late, but newer than what is held: of the next cell
-                if cell < max(self._held_from[thermometer] + 1, self._next - self._latest):
+                self.late += 1
+                if cell < max(self._sent[thermometer], self._next - self._latest):
                     self.rejected += 1
                     return []
                 cell = int(self._next)
             if cell > max(self._newest.values()) + self._outage:
                 done, self._first = self._complete(cell), {}
+        self._sent[thermometer] = max(self._sent.get(thermometer, at), at)
         if (spacing := cell - self._newest.get(thermometer, cell)) > 0:
             self._spacings[thermometer].append(spacing)
         self._newest[thermometer] = cell
