@@ -42,20 +42,17 @@ def test_steps_that_leave_no_stretch_are_refused(plain, monkeypatch):
         separate(plain)
 
 
-@pytest.mark.parametrize(('noise', 'gyroscope', 'hangs'), [
-    (0.002, True, True), (0.002, False, True), (0.0, True, False),
-])  # fmt: skip
-def test_the_time_in_which_an_imu_hangs_does_not_count(plain, noise, gyroscope, hangs):
+@pytest.mark.parametrize(('noise', 'hangs'), [(0.002, True), (0.0, False)])
+def test_the_time_in_which_an_imu_hangs_does_not_count(plain, noise, hangs):
     """Its driver repeats the last message; one without noise repeats itself at each rest."""
     day, rng = plain[0], np.random.default_rng(0)
     force = day.specific_force + noise * rng.standard_normal((1200, 3))
     speed = np.full(1200, 0.01) + noise * rng.random(1200)
     if hangs:
         force[900:], speed[900:] = force[900], speed[900]
-    speed = speed if gyroscope else None
     found = separate([replace(day, specific_force=force, rotation_speed=speed)])
     counts = np.isfinite(found.drift[0].wrench).all(axis=1)
-    assert counts[:900].mean() > 0.4
+    assert counts[:900].mean() > 0.7
     assert counts[901:].any() != hangs
 
 

@@ -49,11 +49,10 @@ def rotation_speed(recording: Recording) -> FloatArray:
 
 
 def repeats_itself(recordings: Sequence[Recording]) -> BoolArray:
-    """Mark cells of all of an IMU whose driver hangs: it reads the same, its gyroscope, too."""
+    """Mark cells of all of an IMU whose driver hangs, by its gyroscope, which stands off zero."""
     marked = []
     for recording in recordings:
-        felt, speed = np.asarray(recording.specific_force), recording.rotation_speed
-        felt = np.column_stack((felt, np.ones(len(felt)) if speed is None else speed))
+        felt = np.column_stack((np.asarray(recording.specific_force), rotation_speed(recording)))
         same = ~differ(felt[1:], felt[:-1]).any(axis=1) & (felt[1:, -1] > 0)
         marked.append(np.append(False, same))
     same = np.concatenate(marked)
