@@ -63,8 +63,8 @@ _LITTLE = 0.1
 #: its variance is below this many times that of the mean of all errors. Without a limit 1.1 times
 #: as much drift was left where a single day was learnt from.
 _TRANSIENT_VARIANCE = 30.0
-#: A load varies where the square of what varies is above this share of that of all, as 10 % do;
-#: between segments, whose drift differs for other reasons, too, 30 %: others gave up to 18 N.
+#: A load varies where its variance is above this share of its mean square: by 10 % in segments, by
+#: 30 % between them, whose drift differs for other reasons, too: with less, 18 N were wrong.
 _VARIES, _DIFFERS = 0.01, 0.1
 
 

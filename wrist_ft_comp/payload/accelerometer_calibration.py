@@ -19,7 +19,7 @@ from wrist_ft_comp.series import BoolArray, differ, FloatArray
 
 #: A sensor that turns more slowly is at rest, rad/s.
 _REST_RAD_S = 0.03
-#: A driver hangs more rarely than once in the inverse of this many cells.
+#: A driver hangs rarely: at most once per 100 cells that do change.
 _HANGS = 0.01
 #: Expected bias of an accelerometer, m/s².
 _BIAS = 0.3
