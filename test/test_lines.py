@@ -13,8 +13,8 @@ MOST = {
     'wrist_ft_comp': 22_561,
     # Above the goal of 19 000, for ninety faults that were found by reading; each test was red.
     'test': 19_079,
-    # Up by 6: thermometers of the machine of truth lose samples; processes of benches end cleanly.
-    'bench': 5_198,
+    # Up by 2: thermometers of the machine of truth lose samples, but never five in a row.
+    'bench': 5_200,
 }
 
 

@@ -335,8 +335,10 @@ class Robot:
 
     def _send_temperature(self, j: int, second: int) -> None:
         how, value = self.thermometer[j], float(self._celsius[second, self.lies[j]])
-        # Some are lost, so that the means of equal readings differ in the last bit.
-        if how == 'dead' or (how == 'sparse' and second % 30) or self.rng.random() < _LOST:
+        # Some are lost, so that means of equal readings differ; never five in a row: that is said.
+        if how == 'dead' or (how == 'sparse' and second % 30):
+            return
+        if self.rng.random() < _LOST and second % 3:
             return
         if how == 'frozen':
             value = self._frozen_c[j]
