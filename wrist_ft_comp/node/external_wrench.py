@@ -10,7 +10,7 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit
-from wrist_ft_comp.node.payload_choice import changed_frames, PayloadChoice
+from wrist_ft_comp.node.payload_choice import changed_frames, PayloadChoice, unknown_turn
 from wrist_ft_comp.node.raw_wrench import Counts, is_silent
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.payload.weight import (
@@ -262,9 +262,12 @@ class ExternalWrench(Part):
                 f'before the restart payload.active was {self._before}, set while the node ran; '
                 'set it to what is mounted, also where that is the one that is named now'
             )
-        if changed := changed_frames(payload.frame, self.specific_force.frames()):
+        here = self.specific_force.frames()
+        if changed := changed_frames(payload.frame, here):
             yield (
                 f'{payload.name} was learnt under other frame_ids: {changed}; is it another '
                 'sensor?'
             )
+        elif payload.is_assumed and (problem := unknown_turn(here)):
+            yield problem
         yield from filter(None, [self.check.found])

@@ -24,6 +24,18 @@ def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
     return ' and '.join(f'{before} is now {now}' for before, now in pairs if before != now)
 
 
+def unknown_turn(here: FrameIds) -> str:
+    """Say that an IMU's rotation is not known, where its frame_id is not that of the wrench."""
+    if here.force_frame == here.wrench_frame:
+        return ''
+    return (
+        f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the wrench is '
+        'not known: this sensor has learnt no payload yet, and their frame_ids differ '
+        f'({here.force_frame or "none"} and {here.wrench_frame or "none"}). Call '
+        '~/identify_payload first; that takes a minute of motion.'
+    )
+
+
 @dataclass(eq=False)
 class PayloadChoice:
     """The payloads that are known here, and how specific force is turned with each of them."""
@@ -88,20 +100,12 @@ class PayloadChoice:
             if found := list(self.frames().items()):
                 return LivePayload(name, by_hand, found[-1][1], f'learnt with {found[-1][0]}')
             here = self.specific_force.frames()
-            if here.wrench_frame and here.force_frame == here.wrench_frame:
-                said = f'because both frame_ids are {here.wrench_frame}'
-                return LivePayload(
-                    name, by_hand, ForceFrame(source=source, **here._asdict()), said
-                )
-            raise SettingsError(
-                f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
-                'wrench is not known: this sensor has learnt no payload yet, and their frame_ids '
-                'differ. Call ~/identify_payload first; that takes a minute of motion.'
-                if here.force_frame and here.wrench_frame
-                else f'payload.active is {MANUAL}, and the frame_ids of IMU and wrench have not '
-                'come yet. Set it when they have, if they are the same; where they differ, call '
-                '~/identify_payload first; that takes a minute of motion.'
-            )
+            if problem := unknown_turn(here):
+                raise SettingsError(problem)
+            # At a start neither has come yet; the status says it where they differ.
+            said = f'because both frame_ids are {here.wrench_frame or "taken for one"}'
+            frame = ForceFrame(source=source, **here._asdict())
+            return LivePayload(name, by_hand, frame, said, is_assumed=True)
         learnt = self.payloads()
         if name not in learnt:
             raise SettingsError(

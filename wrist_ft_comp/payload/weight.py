@@ -130,8 +130,13 @@ class LearntPayloads:
 class LivePayload:
     """A payload and the frame of its specific force; ``turned`` says where that was learnt."""
 
-    def __init__(self, name: str, payload: Payload, frame: ForceFrame, turned: str = '') -> None:
+    def __init__(
+        self, name: str, payload: Payload, frame: ForceFrame, turned: str = '', *,
+        is_assumed: bool = False,
+    ) -> None:  # fmt: skip
         self.name, self.payload, self.frame = name, payload, frame
+        #: Whether nobody measured the frame: it is right where both frame_ids are one.
+        self.is_assumed = is_assumed
         #: The same in words for people.
         self.turn = f'specific force is {frame}, {turned}'
         still = payload.weight(frame.turn(np.zeros(3)))

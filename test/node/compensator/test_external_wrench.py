@@ -46,6 +46,7 @@ class Held:
         self.chosen = {'gravity.source': source, 'gravity.frame': 'up', 'gravity.timeout': 0.2,
                        'model_file': model_file}  # fmt: skip
         self.counts = Counts(payload=chosen.pop('before', ''))
+        here = chosen.pop('here', None)
         stream, store = Compensator(1), SimpleNamespace(directory=folder, locate=Path)
         self.force = SpecificForceInput(self.chosen, stream)
         self.part = ExternalWrench(
@@ -55,7 +56,7 @@ class Held:
             counts=self.counts,
         )
         self.hub = self.force.hub = make_hub(self.part, **self.chosen, **chosen)
-        self.force.frames = lambda: FrameIds('imu', self.hub.frame)
+        self.force.frames = lambda: here or FrameIds('imu', self.hub.frame)
         self.force.poll = lambda: None
         self.part.start()
 
@@ -285,6 +286,15 @@ def test_a_payload_by_hand_turns_as_this_sensor_learnt(held, other):
     part.force.frames = lambda: FrameIds('right', 'left')
     part.feel(START, UP)
     assert 'right is now left; is it another sensor?' in part.status().message
+
+
+def test_a_launch_file_may_name_a_payload_by_hand_before_frame_ids_are_known(held):
+    part = held(here=FrameIds('', ''), **BY_HAND)
+    part.feel(START, UP)
+    for imu, words in (('tool0', 'subtracting manual'), ('imu', 'differ (imu and tool0)')):
+        part.force.frames = lambda imu=imu: FrameIds(imu, 'tool0')
+        part.ask(START, CONSTANT)
+        assert words in part.status().message
 
 
 def test_the_live_model_selects_its_payloads_of_a_shared_folder(held, tmp_path):
