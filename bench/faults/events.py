@@ -272,11 +272,8 @@ def _events() -> Iterator[tuple[str, Event]]:
     yield 'payload changes', Event('payload', 'payload', payload)
     yield 'frame moved on the robot', Event('imu', 'frame', moved)
     words = 'state|thermal|steady'
-    script = partial(restart, cold=True)
-    yield (
-        'cold thermometers',
-        Event('node driver thermometer', f'thermometer|tare|{words}', script),
-    )
+    named, script = f'thermometer|tare|{words}', partial(restart, cold=True)
+    yield 'cold thermometers', Event('node driver thermometer', named, script)
     yield 'node killed', Event('node', words, restart)
     script = partial(restart, set_clock=True)
     yield 'node killed and clock set', Event('node', f'clock|{words}', script)

@@ -104,17 +104,19 @@ class Oracle:
         for output, off in robot.errors().items():
             limit = limits[output]
             share = float(np.max(np.abs(off) / limit))
-            if share <= 1:
-                if now_s - self._seen.get(output, now_s) > NAMED_S:
-                    self._since.pop(output, None)
-                    self._found.discard(output)
-                if not self.open:
-                    self.worst = max(self.worst, share)
+            self.worst = max(self.worst, share if share <= 1 and not self.open else 0.0)
+            rests = f'{output} rests'  # another fault than that it is wrong when it comes back
+            fault = '' if share <= 1 else rests if math.isinf(share) else output
+            for over in {output, rests} - {fault}:
+                if now_s - self._seen.get(over, now_s) > NAMED_S:
+                    self._since.pop(over, None)
+                    self._found.discard(over)
+            if not fault:
                 continue
-            wrong, self._seen[output] = True, now_s
-            since_s = self._since.setdefault(output, now_s)
-            if now_s - since_s > GRACE_S and not is_named and output not in self._found:
-                self._found.add(output)
+            wrong, self._seen[fault] = True, now_s
+            since_s = self._since.setdefault(fault, now_s)
+            if now_s - since_s > GRACE_S and not is_named and fault not in self._found:
+                self._found.add(fault)
                 axis = int(np.argmax(np.abs(off) / limit))
                 text = f'{output} {AXES[axis]} off by {off[axis]:.3g} (limit {limit[axis]:.2g})'
                 self._note(self.last, f'{text}; statuses: {said or "all OK"}')
