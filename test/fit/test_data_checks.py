@@ -30,7 +30,7 @@ def record(make_recording, warm_up):
 @pytest.mark.parametrize(('value', 'verb'), [(9.0, 'saturates'), (0.5, 'freezes')])
 def test_a_stuck_stretch_is_left_out_and_named(record, value, verb):
     recording = record(slice(200, 240), value)
-    (sound,), (sentence,) = drop_stuck_cells([recording], ['force_x'])
+    (sound,), (sentence,) = drop_stuck_cells([recording])
     assert sentence.startswith(f'force_x of a.csv {verb} at {value:g} N: 400 s (4.0 %) without')
     assert np.flatnonzero(np.isnan(sound.wrench[:, 0])).tolist() == list(range(200, 240))
     assert np.isfinite(recording.wrench[:, 0]).all()
@@ -39,7 +39,13 @@ def test_a_stuck_stretch_is_left_out_and_named(record, value, verb):
 def test_a_short_stretch_and_a_coarse_channel_are_not_stuck(record):
     coarse = np.round(np.linspace(0, 5, CELLS))
     recording = record(slice(200, 209), 9.0, force_y=coarse)
-    assert drop_stuck_cells([recording], ['force_x', 'force_y']) == ([recording], [])
+    assert drop_stuck_cells([recording]) == ([recording], [])
+
+
+def test_a_dead_axis_is_none_that_was_found_to_drift_little(record):
+    calibration = calibrate([record(force_z=np.zeros(CELLS))])
+    assert 'force_z reads 0 N throughout: the channel is dead' in '\n'.join(calibration.warnings)
+    assert list(calibration.model.deviation) == ['force_x']
 
 
 def test_an_axis_that_is_read_only_while_temperatures_are_unknown_is_said(record):

@@ -44,10 +44,10 @@ def calibrate(
     settings = settings or CalibrationSettings()
     progress = progress or (lambda _: None)
     reference = settings.reference
-    axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
     ranges_c = checks.check_recordings(recordings, reference, settings.min_temperature_span_k)
+    recordings, dropped = checks.drop_stuck_cells(recordings)
+    axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
     recordings, doubts = checks.drop_unknown_temperatures(recordings)
-    recordings, dropped = checks.drop_stuck_cells(recordings, axes)
     for find in (checks.pauses, checks.idle_thermometers, checks.jumping_thermometers):
         doubts += find(recordings)
     # Begin a segment at each step of a still load.

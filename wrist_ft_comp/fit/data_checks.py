@@ -101,27 +101,28 @@ def _are_the_same(one: Recording, other: Recording) -> bool:
     return len(shares) > 1 and bool(min(shares) > _NEARLY_ALL)
 
 
-def drop_stuck_cells(recordings: Sequence[Recording], axes: Sequence[str]) -> Cleaned:
+def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
     """
     Make cells in which a raw wrench is stuck NaN, and say so.
 
-    An axis that is stuck for long is left out of its recording. CalibrationRefusedError where no
-    other recording has it, and where no axis ever changes.
+    An axis that is stuck throughout is left out: nothing is known of its drift. One that is stuck
+    for long is left out of its recording. CalibrationRefusedError where no other recording has it,
+    and where no axis ever changes.
     """
-    sound, sentences, dead = list(recordings), list[str](), 0
-    for axis in axes:
-        column = AXES.index(axis)
+    sound, sentences, measures = list(recordings), list[str](), False
+    for column, axis in enumerate(AXES):
         series = [recording.wrench[:, column] for recording in recordings]
         finite = [values[np.isfinite(values)] for values in series]
         read = [values for values in finite if len(values)]
-        if read and not any(differ(values, values[0]).any() for values in read):
-            value = float(read[0][0])
-            dead += 1
-            sentences.append(
-                f'{axis} reads {value:.6g} {axis_unit(axis)} throughout: the channel is dead, or '
-                'not connected. It is left uncompensated.'
-            )
+        if not any(differ(values, values[0]).any() for values in read):
+            if read:
+                sentences.append(
+                    f'{axis} reads {read[0][0]:.6g} {axis_unit(axis)} throughout: the channel is '
+                    'dead, or not connected. It is left uncompensated.'
+                )
+                sound = [_without(recording, column) for recording in sound]
             continue
+        measures = True
         lost = list[str]()
         for i, (recording, cells) in enumerate(zip(recordings, _find_stuck(series), strict=True)):
             if not cells.any():
@@ -136,26 +137,34 @@ def drop_stuck_cells(recordings: Sequence[Recording], axes: Sequence[str]) -> Cl
                 f'{cells.sum() * recording.period_s:.0f} s ({100 * share:.1f} %) without any '
                 f'change, first at {time_in(recording, int(np.argmax(cells)))}'
             )
-            wrench = sound[i].wrench.copy()
-            wrench[cells, column] = np.nan
             if share > MOST_LEFT_OUT:
-                wrench[:, column] = np.nan
                 lost.append(what)
-            left_out = 'it is not learnt from that recording' if what in lost else 'left out'
-            sentences.append(f'{what}; {left_out}.')
-            sound[i] = replace(sound[i], wrench=wrench)
+                sentences.append(f'{what}; it is not learnt from that recording.')
+                sound[i] = _without(sound[i], column)
+            else:
+                sentences.append(f'{what}; left out.')
+                sound[i] = _without(sound[i], column, cells)
         if lost and not any(axis in recording.axes_present for recording in sound):
             raise CalibrationRefusedError(
                 f'{lost[0]}; up to {100 * MOST_LEFT_OUT:.0f} % can be left out. Check the range '
                 'and the driver of the sensor, and record again.'
             )
-    if dead == len(axes):
+    if not measures:
         names = ', '.join(recording.name for recording in recordings)
         raise CalibrationRefusedError(
             f'Every axis of {names} keeps one value throughout, so the sensor does not measure. '
             'Check that it streams, and record again.'
         )
     return sound, sentences
+
+
+def _without(
+    recording: Recording, column: int, cells: BoolArray | slice = slice(None)
+) -> Recording:
+    """Make cells of one axis NaN, all as a rule."""
+    wrench = recording.wrench.copy()
+    wrench[cells, column] = np.nan
+    return replace(recording, wrench=wrench)
 
 
 def _find_stuck(series: Sequence[FloatArray]) -> list[BoolArray]:

@@ -85,7 +85,7 @@ def describe_day(name: str, look: Look, before: Sequence[DayEntry], live: Champi
         if not day.drift.axes_present:
             sentence = 'No cell of the day was free of contact: its drift is unknown.'
             return replace(entry, kind='contacts', incident=sentence)
-        drop_stuck_cells([day.drift], day.drift.axes_present)  # refuses a reading that froze
+        drop_stuck_cells([day.drift])  # refuses a reading that froze
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if live.model is not None:
                 simulated = streamed_drift(live.model, day.drift, day.before)
