@@ -99,6 +99,36 @@ def test_a_calibration_and_an_evaluation_go_on_after_steps(day, steps):
     assert left.rms_after < 0.1 * left.rms_before
 
 
+@pytest.mark.parametrize('zeroed_n', [0.0, 3.0, -20.0])
+def test_after_a_long_pause_a_new_segment_begins_if_the_driver_was_tared_in_it(day, zeroed_n):
+    days = [day(seed, stepped((2500, zeroed_n))) for seed in (1, 2)]
+    for recording in days:
+        recording.wrench[1200:2500] = np.nan
+    calibration = calibrate(days)
+    said = 'after a long pause' in '\n'.join(calibration.warnings)
+    assert said == bool(zeroed_n)
+    assert calibration.fits['force_z'].rms_after < 2 * NOISE
+    assert evaluate(calibration.model, [day(3)])['force_z'].rms_after < 2 * NOISE
+
+
+def test_each_segment_of_what_is_held_out_is_tared(day):
+    both = [[day(seed, add) for seed in (1, 2)] for add in (0.0, stepped((1000, 30.0)))]
+    for recording in (*both[0], *both[1]):  # what drifted in the pause is guessed
+        recording.wrench[400:1000] = np.nan
+    usual, left = (calibrate(days).fits['force_z'].rms_after for days in both)
+    assert left == pytest.approx(usual, abs=NOISE / 2)
+
+
+def test_what_is_between_the_plateaus_of_a_chamber_test_is_no_step(make_recording):
+    cells = np.arange(8 * 120)
+    temperature_c = np.repeat([20.0, 30, 40, 50, 35, 25, 15, 45], 120)
+    rng = np.random.default_rng(0)
+    wrench = 0.2 * temperature_c + NOISE * rng.standard_normal(len(cells))
+    wrench[cells % 120 >= 90] = np.nan
+    (chamber,) = [make_recording(temperature_c, {'force_z': wrench}, period_s=10.0)]
+    assert segment([chamber], 'constant') == ([chamber], [])
+
+
 @pytest.mark.parametrize(
     ('period_s', 'first', 'last'), [(1.0, 1700, 1701), (1.0, 1700, 1740), (60.0, 100, 101)]
 )

@@ -144,7 +144,7 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
         x = seen.expand(seen.clamp(relaxed_c[i][rows])).reshape(len(rows), -1)
         of_fold = -bins.mean_columns(i, rows, x) @ gains.T
         cells.append(np.minimum((rows + 0.5) * bins.cells - 0.5, len(data.residual[i]) - 1))
-        errors.append(tare(of_fold, data.bin_s))
+        errors.append(tare(of_fold, bins.segments[i][rows], data.bin_s))
         compared.append(_compared_squares(of_fold, data.bin_s))
     left = hold_out(data, cells, np.concatenate(errors))
     weights = weigh(left, compared)

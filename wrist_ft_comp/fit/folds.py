@@ -65,20 +65,29 @@ def fold_means(
     both = mean_over(numbered, data.bin_cells)
     cells, means = both[np.isfinite(both[:, 0])].T
     if data.tared:
-        return cells, tare(means, data.bin_s)
+        segments = np.searchsorted(sorted(data.steps[recording]), cells, 'right')
+        return cells, tare(means, segments, data.bin_s)
     return cells, means - values[~inside & finite].mean()
 
 
-def tare(values: FloatArray, period_s: float) -> FloatArray:
-    """Zero what is left of a held-out fold, (n, …), on its first minute, as people do."""
-    return np.asarray(values - values[: max(1, round(_TARE_S / period_s))].mean(axis=0))
+def tare(values: FloatArray, segments: IntArray, period_s: float) -> FloatArray:
+    """
+    Zero what is left of a held-out fold, (n, …), on the first minute of each segment, (n,).
+
+    So do people at a start, and after each step of the zero.
+    """
+    tared, first = values.copy(), max(1, round(_TARE_S / period_s))
+    for number in np.unique(segments):
+        inside = segments == number
+        tared[inside] -= values[inside][:first].mean(axis=0)
+    return tared
 
 
 def tared_means(values: FloatArray, cells: int, period_s: float) -> FloatArray:
     """Average a recording, (N,), over bins of cells, where it is finite, and tare it: (n,)."""
     means = mean_over(values, cells)
     means = means[np.isfinite(means)]
-    return tare(means, cells * period_s) if len(means) else means
+    return tare(means, np.zeros(len(means), dtype=int), cells * period_s)
 
 
 def mean_over(values: FloatArray, cells: int) -> FloatArray:

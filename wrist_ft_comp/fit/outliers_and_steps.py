@@ -14,6 +14,7 @@ import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.fit.axis_data import find_plateaus
 from wrist_ft_comp.fit.data_checks import Cleaned, MOST_LEFT_OUT, runs_of
 from wrist_ft_comp.recording import Recording, Reference, time_in
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level, rounded, ROUNDING
@@ -48,7 +49,8 @@ def segment(recordings: Sequence[Recording], reference: Reference) -> Cleaned:
     Every step is kept in ``Recording.steps``, for a constant of its own, and named. The sentences
     say what was found. CalibrationRefusedError where a load moves, or steps too often.
     """
-    if reference in {'recorded', 'payload'}:  # the load is known
+    # The load is known, or what is between two plateaus is the drift.
+    if reference in {'recorded', 'payload'} or find_plateaus(recordings) is not None:
         return list(recordings), []
     segmented, sentences = list[Recording](), list[str]()
     for recording in recordings:
@@ -68,6 +70,22 @@ def segment(recordings: Sequence[Recording], reference: Reference) -> Cleaned:
             sentences += steps
         segmented.append(still)
     return segmented, sentences
+
+
+def begin_after_pauses(recordings: Sequence[Recording]) -> Cleaned:
+    """Begin a segment after each long pause, in which a driver may have been tared; say where."""
+    begun, sentences = list[Recording](), list[str]()
+    for recording in recordings:
+        at = np.flatnonzero(np.isfinite(recording.wrench).any(axis=1))
+        pause_s = max(_RESTART_S, 3 * _cells_apart(at) * recording.period_s)
+        cells = at[1:][np.diff(at) * recording.period_s > pause_s].tolist()
+        begun.append(replace(recording, steps=tuple(sorted({*recording.steps, *cells}))))
+        sentences += [
+            f'{recording.name} goes on at {time_in(recording, cell)} after a long pause, maybe '
+            'with another zero. A new segment begins there, as after a tare.'
+            for cell in cells
+        ]
+    return begun, sentences
 
 
 def false_starts(recordings: Sequence[Recording]) -> dict[int, str]:

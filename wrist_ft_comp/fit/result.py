@@ -102,6 +102,11 @@ class AxisFit:
     #: where nothing is tared, as for a chamber test.
     largest_drift: float = np.nan
 
+    @property
+    def share_left(self) -> float:
+        """What is left of the drift, as a share of it; 1 where there was none."""
+        return self.rms_after / self.rms_before if self.rms_before else 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
