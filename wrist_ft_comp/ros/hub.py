@@ -109,11 +109,11 @@ class Hub(Node):
     """
     A node made of parts; a subclass makes them and calls ``run`` with all of them.
 
-    ``table`` are parameters that are declared before those of the parts. SettingsError when a
-    topic cannot be opened, or a parameter has a wrong value.
+    ``table`` are all parameters, also those of the parts. SettingsError when a topic cannot be
+    opened, or a parameter has a wrong value.
     """
 
-    def __init__(self, name: str, table: Iterable[Parameter] = (), **options: Any) -> None:
+    def __init__(self, name: str, table: Iterable[Parameter], **options: Any) -> None:
         super().__init__(name, enable_logger_service=True, **options)
         self.log = NodeLog(cast('Any', self).get_logger())
         #: What two nodes do not agree on, by relative name of the topic.
@@ -143,7 +143,6 @@ class Hub(Node):
     def run(self, parts: Sequence[Part]) -> None:
         """Start parts, offer their services, and poll them; WristFtCompError when one refuses."""
         self.parts = tuple(parts)
-        self._parameter_table.declare(row for part in parts for row in part.parameters)
         self._diagnostics = self.advertise(DiagnosticArray, '/diagnostics')
         # Most parts define few verbs; the others need not be called a thousand times a second.
         self._hearing = {

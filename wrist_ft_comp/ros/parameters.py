@@ -82,26 +82,20 @@ class Parameter:
 
 
 class Parameters:
-    """A node's parameters: rows of its tables, with the values that it was given."""
+    """A node's parameters: the rows of its table, with the values that it was given."""
 
     def __init__(self, node: Node, table: Iterable[Parameter]) -> None:
-        self._node, self._rows = node, dict[str, Parameter]()
-        self.declare(table)
-        node.add_pre_set_parameters_callback(self._convert)
-        node.add_on_set_parameters_callback(self._check)
-
-    def declare(self, table: Iterable[Parameter]) -> None:
-        """Declare rows, but for those that are; SettingsError where a given value is wrong."""
-        given, node = given_parameters(self._node), self._node
-        for row in table:
-            if row.name in self._rows:
-                continue
+        """Declare all rows; SettingsError where a given value is wrong."""
+        self._node, self._rows = node, {row.name: row for row in table}
+        given = given_parameters(node)
+        for row in self._rows.values():
             value = converted(row, given.get(row.name, row.default))
             # Without the given value: rclpy refuses an integer for a double, and an empty array.
             node.declare_parameter(row.name, row.ros_type, ignore_override=True)
             node.set_parameters([_ros_parameter(row, value)])
             node.set_descriptor(row.name, descriptor(row))
-            self._rows[row.name] = row
+        node.add_pre_set_parameters_callback(self._convert)
+        node.add_on_set_parameters_callback(self._check)
 
     def values(self) -> dict[str, Any]:
         """Read the present values, by name; arrays are tuples."""

@@ -7,6 +7,7 @@ from moments import ERROR, OK, SECOND, START
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.node import compensator_node
 from wrist_ft_comp.ros.hub import Hub
 
 ARCHITECTURE = Path(__file__).parents[3] / 'docs/architecture.md'
@@ -102,6 +103,8 @@ def test_the_part_in_the_documentation_runs_beside_the_others(rig, monkeypatch):
     names = {}
     exec(compile(code, ARCHITECTURE.name, 'exec'), names)  # noqa: S102 -- our own document
     heartbeat, run = names['Heartbeat'](), Hub.run
+    table = *compensator_node.PARAMETERS, *heartbeat.parameters
+    monkeypatch.setattr(compensator_node, 'PARAMETERS', table)
     monkeypatch.setattr(Hub, 'run', lambda self, parts: run(self, [*parts, heartbeat]))
     node = rig(parameters={'heartbeat.word': 'awake'})
     for second in range(3):
