@@ -221,7 +221,7 @@ class DriftTracker:
             is_doubtful = bool((believed_c > drift_uncertainty.warmest_room_c(self.model)).any())
         if is_doubtful and state_before is not None and len(history_c):
             bounds = drift_uncertainty.bound_drift(
-                self.model, state_before, history_c, believed_c[np.newaxis], gap_s, self.memory_s
+                self.model, state_before, history_c, believed_c, gap_s, self.memory_s
             )
             off = off + np.abs(bounds - self.drift.zero).max(axis=0)
         off = off + self._off_at_start(self.model, len(self.history_c) - len(line_c))

@@ -36,23 +36,22 @@ class Uncertainty(NamedTuple):
 
 
 def bound_drift(  # noqa: PLR0913, PLR0917 -- what a gap is between
-    model: DriftModel, state: DriftState, history_c: FloatArray, later_c: FloatArray,
+    model: DriftModel, state: DriftState, history_c: FloatArray, after_c: FloatArray,
     gap_s: float, memory_s: float,
 ) -> FloatArray:  # fmt: skip
     """
     Bound the zero drift after a gap, N and N m: the least and the largest, (2, 6).
 
-    Takes the state before it, the temperatures until then, °C, (n, J), and after it, (m, J). In
+    Takes the state before it, the temperatures until then, °C, (n, J), and after it, (J,). In
     between, temperatures may have gone up and come back, or down, as fast as they ever moved over
     SPAN_S, but not beyond all that the model was learnt from.
     """
-    period_s, before_c, after_c = model.period_ns / NANOSECONDS, history_c[-1], later_c[0]
+    period_s, before_c = model.period_ns / NANOSECONDS, history_c[-1]
     rate_k_s = np.abs(after_c - before_c) / max(gap_s, period_s)
-    for seen_c in (history_c, later_c):
-        span = min(max(round(SPAN_S / period_s), 1), len(seen_c) - 1)
-        if span:  # a node may be killed after its first cell
-            moves_k = np.abs(seen_c[span:] - seen_c[:-span]).max(axis=0)
-            rate_k_s = np.maximum(moves_k / (span * period_s), rate_k_s)
+    span = min(max(round(SPAN_S / period_s), 1), len(history_c) - 1)
+    if span:  # a node may be killed after its first cell
+        moves_k = np.abs(history_c[span:] - history_c[:-span]).max(axis=0)
+        rate_k_s = np.maximum(moves_k / (span * period_s), rate_k_s)
     known_c = [history_c.min(axis=0), history_c.max(axis=0), after_c]
     for axis in model.axes.values():
         known_c += axis.range_c
