@@ -162,7 +162,7 @@ class Robot:
         self.node = CompensatorNode(context=self._context, parameter_overrides=overrides)
         set_logger_level('wrist_ft_comp', LoggingSeverity.FATAL)
         self.node._output.publish = self._out.append
-        self.node.external.publish = self._external.append
+        self.node.external.output.publish = self._external.append
         self.node._diagnostics.publish = self._note
         self.node.now_ns = lambda: self.now_ns() + ORIGIN_NS
         own = self.node.get_name(), self.node.get_namespace()

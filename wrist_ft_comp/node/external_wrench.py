@@ -100,8 +100,7 @@ class ExternalWrench(Part):
 
     def start(self) -> None:
         """Offer the topic wrench_external, and choose the payload; a refusal ends the node."""
-        output = self.hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
-        self.output, self.publish = output, output.publish
+        self.output = self.hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
         self._hold(self.choice.choose(self.hub.chosen()))
         if self.counts.payload == str(self.payload):
             self.counts.payload = ''
@@ -132,7 +131,7 @@ class ExternalWrench(Part):
             return
         external = self.compensator.correct(stamp_ns, raw, external=True)
         if self.payload is not None and not is_silent(self.hub, self.compensator):
-            self.publish(layout.encode(data, self.payload.taken_off(external, force)))
+            self.output.publish(layout.encode(data, self.payload.taken_off(external, force)))
         if self.collector is not None and self.collector.share < 1:
             self.collector.add(stamp_ns, external, force, self.specific_force.speed)
 

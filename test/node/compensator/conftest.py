@@ -77,7 +77,7 @@ class Rig:
         _NEWEST[self.directory] = self.node
         self._statuses: list[Any] = []
         self.node._output.publish = self.outputs.put
-        self.node.external.publish = self.externals.put
+        self.node.external.output.publish = self.externals.put
         self.node._diagnostics.publish = lambda array: self._statuses.extend(array.status)
         for service in self.node._offered:
             service._send = lambda response, answers: answers.put(response)
