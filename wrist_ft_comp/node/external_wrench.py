@@ -123,7 +123,7 @@ class ExternalWrench(Part):
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Layout) -> None:
         """Subtract the payload from one wrench and publish it; its header stays as it is."""
         forces, self.came = self.specific_force.forces, self.came + 1
-        if stamp_ns - forces.newest_ns > _FRESH_NS:
+        if forces.newest is None or stamp_ns - forces.newest[0] > _FRESH_NS:
             self.hub.do(self.specific_force, self.specific_force.poll)
         force = forces.at(stamp_ns)
         if force is None:

@@ -58,8 +58,8 @@ class RecentForces:
     def __init__(self, timeout_s: float) -> None:
         #: A sample is used for wrenches within this time, ns.
         self.timeout_ns = round(timeout_s * NANOSECONDS)
-        #: Samples since the start, and the stamp of the newest, ns.
-        self.count = self.newest_ns = 0
+        #: Samples since the start.
+        self.count = 0
         #: Stamp, ns, and specific force of the newest sample.
         self.newest: tuple[int, Force] | None = None
         self._kept: deque[tuple[int, Force]] = deque(maxlen=_KEPT_SAMPLES)
@@ -75,16 +75,16 @@ class RecentForces:
     def add(self, stamp_ns: int, specific_force: Force) -> None:
         """Add a sample; a late one is dropped, and a stamp that is far back begins anew."""
         self.count += 1
-        if self._kept and stamp_ns < self.newest_ns:
-            if self.newest_ns - stamp_ns <= self.timeout_ns:
+        if self.newest is not None and stamp_ns < self.newest[0]:
+            if self.newest[0] - stamp_ns <= self.timeout_ns:
                 return
             self._kept.clear()
-        self.newest_ns, self.newest = stamp_ns, (stamp_ns, specific_force)
+        self.newest = stamp_ns, specific_force
         self._kept.append(self.newest)
 
     def at(self, stamp_ns: int) -> Force | None:
         """Find the sample for a stamp, ns; None where it is farther away than the timeout."""
-        if not self._kept or self.newest_ns - stamp_ns > self.timeout_ns + NANOSECONDS:
+        if self.newest is None or self.newest[0] - stamp_ns > self.timeout_ns + NANOSECONDS:
             return None  # there is none, or they are stamped by a clock that is ahead
         for sample in reversed(self._kept):
             if sample[0] <= stamp_ns:
