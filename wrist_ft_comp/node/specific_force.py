@@ -216,17 +216,14 @@ class SpecificForceInput(Part):
             return
         self._handed_out_ns = at_ns
         (specific_force,), (turning,) = self._tree.read(np.array([at_ns]))
-        if math.isfinite(specific_force[0]):
-            x, y, z = specific_force.tolist()
-            self._doubt_a_moved_frame(float(turning))
-            self._hand_out(at_ns, (x, y, z), float(turning) if math.isfinite(turning) else None)
-
-    def _doubt_a_moved_frame(self, speed: float) -> None:
-        """Find a frame of the wrench that was moved on the robot, by its speed, rad/s, or NaN."""
+        if not math.isfinite(specific_force[0]):
+            return
+        x, y, z = specific_force.tolist()
+        # Was the frame of the wrench moved on the robot?
         unseen_deg, how = math.degrees(self._tree.turned_unseen_rad), ''
         self._tree.turned_unseen_rad = 0.0
-        if speed > _LEAP_RAD_S:
-            how = f'turned at {speed:.0f} rad/s'
+        if turning > _LEAP_RAD_S:
+            how = f'turned at {turning:.0f} rad/s'
         elif unseen_deg > _UNSEEN_DEG:
             how = f'turned by {unseen_deg:.0f} degrees while no specific force came'
         if how:
@@ -235,6 +232,7 @@ class SpecificForceInput(Part):
                 'another TCP, then drift, payload and tare are those of the frame before; go back '
                 'to it, or call ~/tare'
             )
+        self._hand_out(at_ns, (x, y, z), float(turning) if math.isfinite(turning) else None)
 
     def _hand_out(self, stamp_ns: int, specific_force: Vector, speed: float | None) -> None:
         """Hand specific force to all parts; the stamp, ns, is 0 where the message has none."""
