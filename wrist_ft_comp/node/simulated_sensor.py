@@ -125,28 +125,25 @@ class SimulatedSensor(Node):
             heat = Temperature(header=Header(frame_id=_FRAME), variance=variance)
             self._thermometers.append(_Topic(self, name, heat, [heat], ['temperature']))
         #: Of a robot at work: its program.
-        mass_kg = chosen['tool_mass']
-        self._work = self._draw_work(mass_kg, seeds) if mass_kg > 0 else None
+        self._work: robot.Work | None = None
+        if (mass_kg := chosen['tool_mass']) > 0:
+            tools, program, self._imu_rng, imu_rng = (
+                np.random.default_rng(seed)
+                for seed in ([seeds[0], 4], [*seeds, 2], [*seeds, 3], [seeds[0], 1])
+            )
+            self._accelerometer = robot.draw_accelerometer(imu_rng)
+            imu = Imu(header=Header(frame_id=_IMU_FRAME))
+            imu.orientation_covariance[0] = -1.0  # REP 145: no orientation
+            felt = imu.linear_acceleration, imu.angular_velocity
+            self._imu = _Topic(self, 'imu', imu, felt, 'xyz')
+            self._contact = _wrench_topic(self, 'wrench_external_reference')
+            self._work = robot.draw_work(robot.WorkSettings(mass_kg), program, tools)
         logger = cast('Any', self).get_logger()
         warn_of_unknown(self, logger)
         logger.info('Waiting for subscribers; the run begins when the last of them has come.')
         wake_s = max(SHORTEST_WAKE_S, 1.0 / max(self._wrench_rate, self._temperature_rate))
         # A steady clock: neither a simulated nor a stepped clock changes the rate.
         self.create_timer(wake_s, self._wake, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def _draw_work(self, mass_kg: float, seeds: Sequence[int]) -> robot.Work:
-        """Draw a program, and open what a robot that follows it publishes."""
-        tools, program, self._imu_rng, imu_rng = (
-            np.random.default_rng(seed)
-            for seed in ([seeds[0], 4], [*seeds, 2], [*seeds, 3], [seeds[0], 1])
-        )
-        self._accelerometer = robot.draw_accelerometer(imu_rng)
-        imu = Imu(header=Header(frame_id=_IMU_FRAME))
-        imu.orientation_covariance[0] = -1.0  # REP 145: no orientation
-        felt = imu.linear_acceleration, imu.angular_velocity
-        self._imu = _Topic(self, 'imu', imu, felt, 'xyz')
-        self._contact = _wrench_topic(self, 'wrench_external_reference')
-        return robot.draw_work(robot.WorkSettings(mass_kg), program, tools)
 
     def _wake(self) -> None:
         """Publish what has become due since the last wake-up, in the order of the stamps."""
