@@ -128,8 +128,8 @@ class FileWriter:
         elif self._thread.ident is None:
             self._thread.start()
 
-    def poll(self) -> bool:
-        """Tell the outcomes of writes to whoever waits for them; whether there were any."""
+    def poll(self) -> None:
+        """Tell the outcomes of writes to whoever waits for them."""
         with self._changed:
             outcomes, self._outcomes = self._outcomes, []
             name, since_s = self._writing
@@ -141,7 +141,6 @@ class FileWriter:
                     )
         for then, problem in outcomes:
             then(problem)
-        return bool(outcomes)
 
     def end(self, timeout_s: float) -> bool:
         """Write what waits, and stop; False where the disk takes longer than the timeout."""
