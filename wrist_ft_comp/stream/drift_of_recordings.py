@@ -116,14 +116,9 @@ def judge(
         reading_c, missing = temperature_c[cell], cell - last - 1
         if missing > longest:
             state, missing = failed_thermometers.start(prediction, reading_c, state), 0
+        gap_s = missing * period_s
         state = failed_thermometers.step(
-            prediction,
-            state,
-            reading_c,
-            measured[cell],
-            period_s,
-            missing * period_s,
-            model.stands_s,
+            prediction, state, reading_c, measured[cell], period_s, gap_s, model.stands_s
         )
         last = cell
         yield state
