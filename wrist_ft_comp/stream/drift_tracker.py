@@ -162,21 +162,16 @@ class DriftTracker:
             exchanged_thermometers.note_exchange(self.spikes, (self.end_ns, self.reading_c), after)
 
         # Which thermometers are believed; the others are predicted.
-        believed_c = cell.temperature_c
+        heard, believed_c, model = cell.measured, cell.temperature_c, self.model
         agreed_k: FloatArray = np.zeros(self._count)
         missed_k, missed = agreed_k, 0
-        if self.model is not None and (prediction := self.model.prediction) is not None:
+        prediction = None if model is None else model.prediction
+        if model is not None and prediction is not None:
             state = self.thermometers
             if state is None or self._next is None:
                 state = failed_thermometers.start(prediction, believed_c, state)
             self.thermometers = failed_thermometers.step(
-                prediction,
-                state,
-                believed_c,
-                cell.measured,
-                period_s,
-                gap * period_s,
-                self.model.stands_s,
+                prediction, state, believed_c, heard, period_s, gap * period_s, model.stands_s
             )
             self._exchanged = exchanged_thermometers.exchanged(
                 prediction, self.thermometers, self._exchanged
@@ -188,12 +183,13 @@ class DriftTracker:
             believed_again = state.replaced & ~self.thermometers.replaced
             agreed_k = np.where(believed_again, prediction.agree_k, 0.0)
             # The last value of one that was silent was held, while it moved.
-            silent_s = np.where(cell.measured & ~state.replaced, state.silent_s, 0.0)
+            silent_s = np.where(heard & ~state.replaced, state.silent_s, 0.0)
             is_back = silent_s > max(_SILENT_S, usual_s)
             missed_k = np.where(is_back, cell.temperature_c - state.reading_c, 0.0)
             missed = round(float(silent_s.max()) / period_s)
-        predicts = None if self.model is None else self.model.prediction
-        exchanged_thermometers.end_exchange(self.spikes, predicts, self.thermometers, self.end_ns)
+        exchanged_thermometers.end_exchange(
+            self.spikes, prediction, self.thermometers, self.end_ns
+        )
 
         # Run the model through the gap, on a straight line, and through the cell.
         line_c = believed_c[np.newaxis]
@@ -206,34 +202,34 @@ class DriftTracker:
         self.temperature_c, self.reading_c = believed_c, cell.temperature_c
         self._next = cell.number + 1
         self.end_ns = self._next * self.grid.period_ns
-        if self.model is None:
+        if model is None:
             return
-        self._run(self.model, line_c)
+        self._run(model, line_c)
 
         # The model remembers what was predicted of a thermometer, what one missed, and what nobody
         # knows of a gap.
         off = self.effect(agreed_k) if agreed_k.any() else np.zeros(len(AXES))
         if missed_k.any() and len(history_c):
             held_c = history_c[-missed:]
-            off = off + drift_uncertainty.doubt_held(self.model, held_c, missed_k, believed_c)
+            off = off + drift_uncertainty.doubt_held(model, held_c, missed_k, believed_c)
         # After longer gaps than it remembers, such as nights, a sensor as cold as a room soaked.
         if gap_s > self.memory_s:
-            is_doubtful = bool((believed_c > drift_uncertainty.warmest_room_c(self.model)).any())
+            is_doubtful = bool((believed_c > drift_uncertainty.warmest_room_c(model)).any())
         if is_doubtful and state_before is not None and len(history_c):
             bounds = drift_uncertainty.bound_drift(
-                self.model, state_before, history_c, believed_c, gap_s, self.memory_s
+                model, state_before, history_c, believed_c, gap_s, self.memory_s
             )
             off = off + np.abs(bounds - self.drift.zero).max(axis=0)
-        off = off + self._off_at_start(self.model, len(self.history_c) - len(line_c))
+        off = off + self._off_at_start(model, len(self.history_c) - len(line_c))
         edges = np.flatnonzero(np.diff(self._missing, prepend=False, append=False))
         if len(edges):
             begin, end = edges[-2:].tolist()
             since = len(self.history_c) - end
-            if since - len(line_c) < span_cells(self.model) <= since:
+            if since - len(line_c) < span_cells(model) <= since:
                 # Bound the drift where temperatures move otherwise after the gap than in it.
                 slope_k = self.history_c[end] - self.history_c[end - 1]
                 off = off + drift_uncertainty.doubt_start(
-                    self.model, self.history_c[end:],
+                    model, self.history_c[end:],
                     min((end - begin) * period_s, self.memory_s), slope_k)  # fmt: skip
         if off.any():
             if self.uncertainty is not None:
