@@ -13,7 +13,7 @@ TABLE = (
     Parameter('mode', 'slow', 'In which way.', choices=('slow', 'fast')),
     Parameter('label', '', 'Any text.', read_only=True),
     Parameter('topics', ('temperature',), 'Topics.'),
-    Parameter('files', (), 'Files.', element=str, read_only=True),
+    Parameter('files', (), 'Files.', read_only=True),
     Parameter('levels', (0.5, 1.0), 'Levels.', minimum=0.0, maximum=1.0),
 )
 DEFAULTS = {row.name: row.default for row in TABLE}

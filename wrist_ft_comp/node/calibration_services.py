@@ -63,7 +63,7 @@ class Jobs(Part):
         Parameter(
             'calibration.recordings', (),
             "Recordings to calibrate from; empty takes the node's own, the newest ten. Set at run "
-            'time, they must lie inside data_directory.', element=str),
+            'time, they must lie inside data_directory.'),
         Parameter(
             'calibration.reference', CalibrationSettings().reference,
             'The true wrench while recording: zero (unloaded), unknown but constant (constant), '

@@ -37,7 +37,8 @@ class Parameter:
 
     #: As on the command line; dots make groups.
     name: str
-    #: Its type is the parameter's type. A tuple makes an array of doubles or of strings.
+    #: Its type is the parameter's type. A tuple makes an array of doubles or of strings; an empty
+    #: one is of strings.
     default: Value
     #: Its effect, in a sentence without its unit.
     description: str
@@ -48,8 +49,6 @@ class Parameter:
     #: The allowed strings; empty when any is.
     choices: tuple[str, ...] = ()
     read_only: bool = False
-    #: float or str, where the default is an empty tuple.
-    element: type | None = None
 
     def __post_init__(self) -> None:
         """Check the row, so that a wrong table fails in the first test that imports it."""
@@ -65,7 +64,7 @@ class Parameter:
         """The type of the value, or of an array's elements."""
         if not isinstance(self.default, tuple):
             return type(self.default)
-        return type(self.default[0]) if self.default else self.element
+        return type(self.default[0]) if self.default else str
 
     @property
     def ros_type(self) -> Any:
