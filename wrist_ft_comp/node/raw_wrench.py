@@ -264,5 +264,5 @@ class WrenchInput(Part):
             yield 'stamps ran back; was a clock set, or a simulation restarted?'
         if 'leapt' in lately:
             yield 'stamps leapt ahead; was a clock set?'
-        if self.stamps.missing and self._counts.newest is not None:
+        if self.stamps.missing:
             yield 'wrenches come without stamps; the time of arrival is taken'

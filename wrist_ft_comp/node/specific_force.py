@@ -156,7 +156,7 @@ class SpecificForceInput(Part):
 
     def poll(self) -> None:
         """Take the messages that an IMU has sent."""
-        if self._imu is not None and not self.stopped:
+        if self._imu is not None:
             for data in waiting(self._imu):
                 self.on_imu(data)
 
