@@ -339,8 +339,6 @@ class DriftTracker:
         the system's clock, 0 without one. The first completed cell shows how long it was, and how
         the temperature changed.
         """
-        if self.model is None:
-            return
         self.awaited = memory, by_clock_s
         self.clocks.expect(memory.end_ns)
         blocks = [np.tile(temperature_c, (cells, 1)) for temperature_c, cells in memory.history]
