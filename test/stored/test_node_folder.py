@@ -180,16 +180,6 @@ def test_leftovers_of_killed_processes_are_swept(store):
     ]  # fmt: skip
 
 
-def test_a_folder_that_cannot_be_written_is_named(store, tmp_path):
-    assert store.take() == ''
-    (tmp_path / 'file').touch()
-    for folder, reason in (
-        ('/proc/nowhere/deep', 'No such file'), (tmp_path / 'file', 'File exists'),
-        (tmp_path / 'file/inside', 'Not a directory'), (tmp_path / ('x' * 300), 'File name too'),
-    ):  # fmt: skip
-        assert f'{folder} cannot be written: {reason}' in NodeFolder(Path(folder)).take()
-
-
 @pytest.mark.parametrize(('home', 'base'), [('/somewhere', '/somewhere'), ('', '/home/user/.ros')])
 def test_a_folder_is_absolute_and_by_default_below_ros_home(monkeypatch, home, base, tmp_path):
     monkeypatch.chdir(tmp_path)
