@@ -38,18 +38,6 @@ def test_history_is_bounded_and_moves_with_its_folder_but_not_with_others(store,
     assert NodeFolder(moved).history() == entries(*outside[1:], moved / 'models/a.yaml')
 
 
-@pytest.mark.parametrize('change', [{'path': 'a\0'}, {'path': '\ud800'}, {'how': 'hidden'}])
-def test_a_broken_list_is_a_sentence(store, change):
-    path = store.directory / 'active.json'
-    store.activate([HistoryEntry(None)], given='abc')
-    document = json.loads(path.read_text())
-    document['history'][0] |= change
-    path.write_text(json.dumps(document))
-    assert store.given() == ''
-    with pytest.raises(ModelFileError, match=r'\.json is damaged: .*Remove it and set model_file'):
-        store.history()
-
-
 def test_a_lock_of_another_user_locks_and_a_folder_that_may_not_be_entered_is_a_sentence(
     store, monkeypatch
 ):

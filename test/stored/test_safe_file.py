@@ -221,7 +221,8 @@ def test_a_record_comes_back_from_plain_values():
     ({'table': [10**400]}, 'finite numbers'), ({'pairs': [{'number': 1.5}]}, 'pairs/0/number'),
     ({'pairs': [{'text': 'x'}]}, 'named values with number'), ({'ends': [1.0]}, '2 values'),
     ({'cells': [['1']]}, 'cells/0/0 must be an integer'), ({'by_name': {'x': 1}}, 'true or'),
-    ({'path': 'a\0b'}, 'path must be a path'), ({'more': 1}, 'must be without more'),
+    ({'path': 'a\0b'}, 'path must be a path'), ({'path': '\ud800'}, 'path must be a path'),
+    ({'more': 1}, 'must be without more'),
 ])  # fmt: skip
 def test_values_of_another_type_are_named_with_their_place(change, sentence):
     with pytest.raises(ValueError, match=sentence):
