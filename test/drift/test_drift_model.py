@@ -10,7 +10,7 @@ import pytest
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.arx_pls import Arx, ArxPls, free_run, relaxation, static_gain
-from wrist_ft_comp.drift.drift_model import AxisModel, Drift, ThermometerPrediction
+from wrist_ft_comp.drift.drift_model import AxisModel, ThermometerPrediction
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import ModelFileError
 
@@ -36,15 +36,6 @@ def test_drift_is_the_textbook_lag_on_its_axes_and_zero_on_others(model, tempera
         moved = lagged(mean_theta, tau, period_s=1.0)
         np.testing.assert_allclose(track.zero[:, i], zero * moved, atol=1e-10)
         np.testing.assert_allclose(track.sensitivity[:, i], sensitivity * moved, atol=1e-10)
-
-
-def test_correct_inverts_the_measurement():
-    rng = np.random.default_rng(0)
-    wrench, zero, tare = rng.normal(0, 100, (4, 6)), rng.normal(0, 100, 6), rng.normal(0, 100, 6)
-    drift = Drift(zero, rng.uniform(-0.4, 0.4, 6))
-    raw = (1 + drift.sensitivity) * wrench + zero
-    np.testing.assert_allclose(drift_model.correct(raw + tare, drift, tare), wrench, atol=1e-9)
-    np.testing.assert_allclose(drift_model.correct(raw, drift), wrench, atol=1e-9)
 
 
 def test_thermometers_outside_the_calibrated_range_are_named(make_model):
