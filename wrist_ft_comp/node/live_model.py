@@ -71,7 +71,7 @@ class LiveModel(Part):
         self.writer.problems['state.json'] = store.take()
         given = self.load(store.locate(model_file)) if model_file else None
         try:
-            self.history = store.history()
+            self.history, self._given = store.history(), store.given()
             last = self.history[-1] if self.history else HistoryEntry(None)
             if given and (given.path, given.sha256) == (last.path, last.sha256):
                 self.stored = given  # to read a model takes 30 ms
@@ -81,7 +81,7 @@ class LiveModel(Part):
             self.problem = f'The last model cannot be used: {error}'
             last = self.history.pop() if self.history else HistoryEntry(None)
             self.history.append(replace(last, path=None, sha256=''))
-        unusable, self._given = self.problem, store.given()
+        unusable = self.problem
         if given is not None:
             if given.sha256 != self._given or not self.history or self.problem:
                 self.stored, self._given = given, given.sha256

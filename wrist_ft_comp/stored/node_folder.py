@@ -163,9 +163,7 @@ class NodeFolder:
 
     def given(self) -> str:
         """Read the SHA-256 of the model given at the last start; empty where none is known."""
-        with suppress(ModelFileError):
-            return self._read().given
-        return ''
+        return self._read().given
 
     def _read(self) -> _List:
         return _LIST.load(_List, self.directory / 'active.json') or _List()
