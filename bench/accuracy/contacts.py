@@ -53,7 +53,7 @@ def wrist(seed: int, run: int, contact_n: FloatArray | float = 0.0) -> Recording
     true = true_wrench(program, elapsed_s)
     true[:, Z] += contact_n
     driven = drive(program, elapsed_s)
-    nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(float(driven[0, 1])), driven)
+    nodes_c = ft_sensor.trajectory(sensor, driven[0, 1], driven)
     measured = ft_sensor.measured_wrench(sensor, nodes_c[:-1], true)
     wrench = ft_sensor.digitised_wrench(measured, rng)
     return recording_of(ft_sensor.digitised_temperatures(sensor, nodes_c[:-1], rng), wrench, true)

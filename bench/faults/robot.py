@@ -83,7 +83,7 @@ def warm(
     levels[0 if most < 1 else slice(3)] = most  # it begins with a warm-up
     room_c = 22 + (2 if most == 1 else 1) * np.sin(np.arange(seconds) / 1500 + rng.uniform(0, 6))
     drive = np.column_stack((np.repeat(levels, DUTY_S)[:seconds], room_c))
-    nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(room_c[0]), drive)[:-1]
+    nodes_c = ft_sensor.trajectory(sensor, room_c[0], drive)[:-1]
     places = interpolation(np.array(PLACES[:thermometers]))
     read_c = nodes_c @ places.T
     celsius = np.round(read_c + rng.normal(0, 0.01, read_c.shape), 2)

@@ -20,7 +20,7 @@ def test_stored_energy_is_the_heat_that_came_in_without_convection(monkeypatch):
     monkeypatch.setattr(ft_sensor, 'CONVECTION_W_PER_K', (1e-12, 0.0, 0.0))
     motor, body, tool = ft_sensor.CAPACITY_J_PER_K
     held = np.tile([0.5, 20.0], (600, 1))
-    rise = ft_sensor.trajectory(build_sensor(1), np.full(CELLS + 2, 20.0), held)[-1] - 20.0
+    rise = ft_sensor.trajectory(build_sensor(1), 20.0, held)[-1] - 20.0
     stored_j = motor * rise[0] + body * rise[1:-1].mean() + tool * rise[-1]
     assert stored_j == pytest.approx(0.5 * ft_sensor.MOTOR_W * 600 * ft_sensor.STEP_S)
 
@@ -52,7 +52,7 @@ def test_the_gain_is_nominal_at_one_temperature_and_falls_by_0_04_percent_per_ke
 @pytest.mark.parametrize('seed', range(10))
 def test_warm_up_moves_force_z_by_5_to_20_newtons_for_every_specimen(seed):
     sensor = build_sensor(seed)
-    nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(22.0), np.tile([1.0, 22.0], (5400, 1)))
+    nodes_c = ft_sensor.trajectory(sensor, 22.0, np.tile([1.0, 22.0], (5400, 1)))
     drift = np.ptp(measured_wrench(sensor, nodes_c, UNLOADED), axis=0)
     assert 5.0 < drift[2] < 20.0
     assert (drift[:3] > 2.0).all()
@@ -61,7 +61,7 @@ def test_warm_up_moves_force_z_by_5_to_20_newtons_for_every_specimen(seed):
 
 def test_readings_lie_on_the_grid_of_the_converter(sensor):
     rng = np.random.default_rng(0)
-    states_c = ft_sensor.trajectory(sensor, ft_sensor.start(22.0), np.tile([0.7, 26.0], (500, 1)))
+    states_c = ft_sensor.trajectory(sensor, 22.0, np.tile([0.7, 26.0], (500, 1)))
     wrench = ft_sensor.digitised_wrench(measured_wrench(sensor, states_c, UNLOADED), rng)
     celsius = ft_sensor.digitised_temperatures(sensor, states_c, rng)
     for values, quantum in ((wrench, ft_sensor.QUANTUM), (celsius, 0.0625)):

@@ -106,7 +106,7 @@ class SimulatedSensor(Node):
             settings = replace(settings, force_n=0.0, torque_nm=0.0)
         self._run = ft_sensor.draw_run(settings, draws)
         self._sensor = ft_sensor.build_sensor(chosen['seed'])
-        self._state = ft_sensor.start(float(ft_sensor.room_temperature(self._run, 0.0)))
+        self._state = ft_sensor.room_temperature(self._run, 0.0)
         #: Steps of the heat flow that are done.
         self._step = 0
         self._speed, self._wrench_rate = chosen['speed'], chosen['wrench_rate']

@@ -136,19 +136,15 @@ def build_sensor(seed: int) -> FtSensor:
     return FtSensor(*heat_flow(), interpolation(places), per_k, per_k2, thermometers)
 
 
-def start(room_c: float) -> FloatArray:
-    """Give the nodes of a robot that was off for long: all at room temperature, °C, (M,)."""
-    return np.full(CELLS + 2, room_c)
-
-
-def trajectory(sensor: FtSensor, nodes_c: FloatArray, drive: FloatArray) -> FloatArray:
+def trajectory(sensor: FtSensor, nodes_c: ArrayLike, drive: FloatArray) -> FloatArray:
     """
     Let heat flow from node temperatures, (M,), step by step: (N + 1, M), °C, the first included.
 
-    ``drive``, (N, 2), is duty cycle, 0 to 1, and room temperature, °C, during each step.
+    All nodes of a robot that was off for long have one temperature, that of the room. ``drive``,
+    (N, 2), is duty cycle, 0 to 1, and room temperature, °C, during each step.
     """
     warming = drive @ sensor.inputs.T
-    states_c = np.empty((len(drive) + 1, len(nodes_c)))
+    states_c = np.empty((len(drive) + 1, CELLS + 2))
     states_c[0] = nodes_c
     for k in range(len(drive)):
         states_c[k + 1] = sensor.transition @ states_c[k] + warming[k]

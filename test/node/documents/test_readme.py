@@ -22,9 +22,8 @@ def simulate(number, duty):
     run = ft_sensor.draw_run(settings, rng)
     elapsed_s = np.arange(SECONDS) + 0.5
     drive = ft_sensor.drive(run, elapsed_s)
-    start = ft_sensor.start(float(drive[0, 1]))
     true = ft_sensor.true_wrench(run, elapsed_s)
-    nodes_c = ft_sensor.trajectory(sensor, start, drive)[:-1]
+    nodes_c = ft_sensor.trajectory(sensor, drive[0, 1], drive)[:-1]
     measured = ft_sensor.measured_wrench(sensor, nodes_c, true)
     wrench = ft_sensor.digitised_wrench(measured, rng)
     return wrench, ft_sensor.digitised_temperatures(sensor, nodes_c, rng)
