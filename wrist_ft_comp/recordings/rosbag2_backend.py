@@ -41,14 +41,9 @@ def _reader(chosen: Path, compression: str, stack: ExitStack) -> Any:
     kind = rosbag2_py.SequentialCompressionReader if compression else rosbag2_py.SequentialReader
     reader = kind()
     reader.open(rosbag2_py.StorageOptions(uri=str(chosen)), rosbag2_py.ConverterOptions('', ''))
-    stack.callback(_close, reader)
+    if hasattr(reader, 'close'):  # in older versions, the last one to hold it closes it
+        stack.callback(reader.close)
     return reader
-
-
-def _close(reader_or_writer: Any) -> None:
-    """Close what has no ``close`` in some versions: there, the last one to hold it closes it."""
-    if hasattr(reader_or_writer, 'close'):
-        reader_or_writer.close()
 
 
 def _read(
@@ -74,7 +69,7 @@ def write_bag(folder: Path, storage: str) -> Iterator[BagWriter]:
             lambda like, topic, kind: _add_topic(writers[0], like, topic, kind),
             lambda topic, time_ns, data: writers[0].write(topic, data, time_ns),
         )
-        _close(writers[0])
+        writers[0].close()
     except RuntimeError as error:
         raise OSError(errno.EIO, str(error)) from error
     finally:
