@@ -252,7 +252,7 @@ def save():
 
     def save_by_hand(path, model, range_c=(-50.0, 150.0), calibrated=()):
         fits = {
-            axis: AxisFit(model.axes.get(axis), 'by hand', (), 1.0, 0.1, 0.1, (1.0,))
+            axis: AxisFit(model.axes.get(axis), 'by hand', (), 1.0, 0.1, 0.1, None, (1.0,))
             for axis in calibrated or model.axes
         }
         ranges_c = np.tile(range_c, (model.thermometers, 1))

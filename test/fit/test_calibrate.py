@@ -31,7 +31,7 @@ def good(make_recording, warm_up):
 
 
 def test_a_calibration_prints_a_line_per_axis_and_its_warnings():
-    fits = {'force_z': AxisFit(None, 'pls', (), 12.3456, 0.0123, 0.0, unit='N', day_limit=0.5)}
+    fits = {'force_z': AxisFit(None, 'pls', (), 12.34, 0.0123, 0.0, None, unit='N', day_limit=0.5)}
     assert str(Calibration(None, fits, np.zeros((1, 2)), 5400.0, ('One.',))).splitlines() == [
         'Calibration of 1.50 h, RMS of held-out errors:',
         'force_z: 12.3 -> 0.0123 N (pls), limit 0.5 N',

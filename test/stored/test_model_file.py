@@ -65,7 +65,7 @@ def calibration():
         axis: AxisFit(
             model=axes.get(axis), chosen='2 time constants, degree 2' if axis in axes else 'none',
             candidates=(Candidate('none', 1 / 3), Candidate('static, degree 1', 1e-17, 0.9)),
-            rms_before=1 / 3, rms_after=1e-17, expected_rms=1e-17,
+            rms_before=1 / 3, rms_after=1e-17, expected_rms=1e-17, held_out=None,
             time_constants_s=(0.1, 777.0) if axis in axes else (),
             time_constant_errors_s=(1 / 3, float('nan')) if axis in axes else (),
             notes=('zero drift only: “constant”',),

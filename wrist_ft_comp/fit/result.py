@@ -84,6 +84,8 @@ class AxisFit:
     #: Root mean square that another day is expected to keep. It is larger where the averaged fits
     #: disagree, and where a day goes further than the recordings.
     expected_rms: float
+    #: The errors behind rms_before and rms_after, for pictures.
+    held_out: HeldOut
     #: Time constants that were searched, increasing, s, ...
     time_constants_s: tuple[float, ...] = ()
     #: What had to be mended, and what could not be learnt, in sentences.
@@ -92,8 +94,6 @@ class AxisFit:
     time_constant_errors_s: tuple[float, ...] = ()
     #: Why this axis could not be learnt although it drifts; empty when it was.
     refusal: str = ''
-    #: The errors behind rms_before and rms_after, for pictures.
-    held_out: HeldOut | None = None
     #: N or N m.
     unit: str = ''
     #: Error that another day stays below on 9 of 10 days; NaN where nothing can be promised.

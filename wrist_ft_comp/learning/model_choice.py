@@ -159,14 +159,13 @@ def held_out(found: Calibration, days: Sequence[DayEntry]) -> FloatArray:
     """Compute what fits to the other days leave of every day, N and N m, (n, 6)."""
     left = np.full((len(days), len(AXES)), np.nan)
     for axis, fit in found.fits.items():
-        if fit.held_out is not None:
-            errors, numbers = rms_by_fold(fit.held_out), np.unique(fit.held_out.recording)
-            if len(numbers) == 1:  # dead on the other days: what was held out are parts of a day
-                continue
-            drift = np.array([days[number].left[NONE] for number in numbers])[:, AXES.index(axis)]
-            # As a share, because the diary tares in a minute of cells, and a fit in one of bins.
-            share = errors.after / np.maximum(errors.before, 1e-12)
-            left[numbers, AXES.index(axis)] = share * drift
+        errors, numbers = rms_by_fold(fit.held_out), np.unique(fit.held_out.recording)
+        if len(numbers) == 1:  # dead on the other days: what was held out are parts of a day
+            continue
+        drift = np.array([days[number].left[NONE] for number in numbers])[:, AXES.index(axis)]
+        # As a share, because the diary tares in a minute of cells, and a fit in one of bins.
+        share = errors.after / np.maximum(errors.before, 1e-12)
+        left[numbers, AXES.index(axis)] = share * drift
     return left
 
 

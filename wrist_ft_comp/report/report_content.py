@@ -144,11 +144,10 @@ def calibration_content(
     # At work, what a payload weighs is the load that was known.
     coverage = advices.cover(recordings if work is None else work.drift)
     longest_s = max(recording.duration_s for recording in recordings)
-    held = {axis: fit.held_out for axis, fit in fits.items() if fit.held_out}
     axes: list[AxisView] = []
     levels: dict[str, verdicts.Level] = {}
     for axis, fit in fits.items():
-        held_out = held[axis]
+        held_out = fit.held_out
         # Drift goes further in a day than in a block: what is stated over what was held out.
         measured = float(rms_by_fold(held_out).after.mean())
         whole = not held_out.tared or len(np.unique(held_out.recording)) > 1
@@ -170,7 +169,7 @@ def calibration_content(
         recordings, coverage, reference, levels, calibration.warnings,
         run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
-    legend, first = _FIGURES, next(iter(held.values()))
+    legend, first = _FIGURES, next(iter(fits.values())).held_out
     if len(recordings) == 1 and first.tared:
         minutes = recordings[0].duration_s / len(np.unique(first.fold)) / 60
         legend = f'before: RMS in parts of {minutes:.0f} min. left: RMS, enlarged to a day.'
