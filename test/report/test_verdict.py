@@ -19,7 +19,8 @@ WORSE_OF_LITTLE = FoldErrors(BEFORE, np.array([10 * verdict.GOOD_REMAINDER - JUS
 
 
 def judge(before=10.0, after=1.0, peak=0.0, **known):
-    known = {'unit': 'N', 'noise': 0.01, 'compensated': True, **known}
+    whole = FoldErrors(np.array([before]), np.array([after]))
+    known = {'unit': 'N', 'noise': 0.01, 'compensated': True, 'parts': whole, **known}
     errors = AxisEvaluation(before, after, np.nan, peak)
     return verdict.judge(verdict.Evidence(errors=errors, **known))
 

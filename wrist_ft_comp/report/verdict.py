@@ -54,13 +54,13 @@ class Evidence:
     noise: float
     #: Whether there is a model for the axis.
     compensated: bool
+    #: The errors part by part: held-out blocks of a calibration, recordings of an evaluation.
+    parts: FoldErrors
     #: How many times as much is stated with compensation as was measured: drift goes further in a
     #: day than in a block, and noise does not.
     widening: float = 1.0
     #: How far a thermometer moved within a recording while the axis was read, at most, K.
     moved_k: float = math.inf
-    #: The errors part by part: held-out blocks of a calibration, recordings of an evaluation.
-    parts: FoldErrors | None = None
     #: Slowest time constant; 0 if unknown.
     slowest_s: float = 0.0
     #: Longest recording; 0 if unknown.
@@ -106,16 +106,15 @@ def judge(evidence: Evidence) -> Verdict:
     doubts = []
     if not is_noise and after > GOOD_REMAINDER * before:
         doubts.append(f'a good axis leaves at most {100 * GOOD_REMAINDER:g} %')
-    if evidence.parts is not None:
-        part_before, part_after = evidence.parts
-        # In a part that hardly drifts, more of it may be left and still be little.
-        little = max(noise, GOOD_REMAINDER * before)
-        worse = (part_after > HARMFUL_RATIO * part_before) & (part_after > little)
-        if worse.any():
-            doubts.append(
-                f'in {np.count_nonzero(worse)} of {len(worse)} parts it leaves more than no '
-                'compensation'
-            )
+    part_before, part_after = evidence.parts
+    # In a part that hardly drifts, more of it may be left and still be little.
+    little = max(noise, GOOD_REMAINDER * before)
+    worse = (part_after > HARMFUL_RATIO * part_before) & (part_after > little)
+    if worse.any():
+        doubts.append(
+            f'in {np.count_nonzero(worse)} of {len(worse)} parts it leaves more than no '
+            'compensation'
+        )
     if evidence.slowest_s > SURE_SHARE * evidence.longest_s > 0:
         doubts.append(
             f'its slowest time constant, {evidence.slowest_s:.0f} s, is not sure after '
