@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import scipy  # which loads its parts when they are used
@@ -30,7 +31,7 @@ from wrist_ft_comp.fit.day_limit import state_fit
 from wrist_ft_comp.fit.folds import fold_means, hold_out, simplest_good
 from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr, stack
 from wrist_ft_comp.fit.result import AxisFit
-from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
+from wrist_ft_comp.fit.settings import IdentificationSettings, STATIC
 from wrist_ft_comp.series import FloatArray, ROUNDING
 
 #: A model, None for "no compensation", and what had to be mended, in sentences.
@@ -38,7 +39,7 @@ Fitted = tuple[AxisModel | None, tuple[str, ...]]
 #: Fits an axis, of which a fold may be held out.
 Refit = Callable[[AxisData], Fitted]
 #: What each latent is: its orders, or the time constant of its filter, s.
-Structure = tuple[Orders | float, ...]
+Structure = tuple[Any, ...]
 
 
 def identify_paper_method(data: AxisData, settings: IdentificationSettings) -> AxisFit:
@@ -90,15 +91,13 @@ def fit_structure(settings: IdentificationSettings, latents: Structure, data: Ax
         return None, ()
     notes: tuple[str, ...] = ()
     if settings.method == 'arx_pls':
-        orders = [of_latent for of_latent in latents if isinstance(of_latent, Orders)]
-        dynamics, notes = fit_arx_pls(block, orders)
+        dynamics, notes = fit_arx_pls(block, latents)
     elif settings.method == 'pcr':
         outer = fit_pcr(block.x, block.y, len(latents))
         # u_r = b_r t_r (eq. 10)
         dynamics = block.model(outer, [static_gain(gain) for gain in outer.inner])
     else:
-        constants_s = [tau for tau in latents if not isinstance(tau, Orders)]
-        dynamics, notes = fit_filtered_pls(block, constants_s, data.period_s)
+        dynamics, notes = fit_filtered_pls(block, latents, data.period_s)
     return None if dynamics is None else AxisModel(features, dynamics), notes
 
 
