@@ -217,17 +217,14 @@ class RecordingSummary:
 Description = tuple[RecordingSummary, Recording | None]
 
 
-def describe_recording(
-    path: Path | str, topics: Topics | None = None, progress: Progress = lambda _: None
-) -> Description:
+def describe_recording(path: Path, topics: Topics, progress: Progress) -> Description:
     """
     Describe a recording of any kind; it need not hold all that a calibration wants.
 
     Of a bag, the topics say which role which one has; what they don't name is chosen.
     RecordingError when it is none at all.
     """
-    topics = topics or Topics()
-    with read.open_recording(Path(path), topics) as opened:
+    with read.open_recording(path, topics) as opened:
         if isinstance(opened, read.OpenTable):
             summary, recording = _describe_table(opened, progress)
         else:
