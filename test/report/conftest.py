@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -92,7 +93,7 @@ def view(tmp_path_factory, stored, make_working_day):
         if kind == 'evaluation':
             second = evaluated(stored, make_recording('second.csv', 1), 'constant')
             both = [evaluated(stored, make_recording()), second]
-            return contents.evaluation_content(stored, both, 60.0)
+            return contents.evaluation_content(stored, both, 60.0, [Path('a.csv')], stored.topics)
         if kind == 'work':
             recordings = [make_working_day(0), make_working_day(1)]
             calibration, model = learn(recordings, folder, 'payload', method='pls')

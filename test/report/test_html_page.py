@@ -3,6 +3,7 @@
 from dataclasses import astuple, replace
 from html.parser import HTMLParser
 from itertools import pairwise
+from pathlib import Path
 import re
 
 import numpy as np
@@ -161,7 +162,7 @@ def test_an_evaluation_marks_the_recordings_that_were_learnt_from(view, text):
 def judge(make, stored):
     def build(recording, **changes):
         evaluated = replace(make.evaluated(stored, recording), **changes)
-        return evaluation_content(stored, [evaluated], 60)
+        return evaluation_content(stored, [evaluated], 60, [Path('day.csv')], stored.topics)
 
     return build
 

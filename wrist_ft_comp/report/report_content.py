@@ -187,9 +187,9 @@ def calibration_content(
 
 def evaluation_content(
     stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float,
-    paths: Sequence[Path] = (), topics: Topics | None = None,
+    paths: Sequence[Path], topics: Topics,
 ) -> ReportContent:  # fmt: skip
-    """Fill one from an evaluation; its node hears ``topics``, by default those of the model."""
+    """Fill one from an evaluation of recordings at some paths; its node hears ``topics``."""
     recordings = [judged.recording for judged in evaluated]
     coverage, period_s = advices.cover(recordings), averaged_s(stored.model)
     # Means of cells: their middles and errors, all recordings together.
@@ -219,10 +219,9 @@ def evaluation_content(
         axes.append(AxisView(axis, unit, verdict, errors, series, entry, limit, parts))
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
-    # A table and a model of tables name no topics.
-    topics = topics or stored.topics
     run = advices.run_command(topics, stored.path)
-    if paths and not {**stored.sensor, **recordings[0].sensor}.get('temperature_topics'):
+    # A table and a model of tables name no topics.
+    if not {**stored.sensor, **recordings[0].sensor}.get('temperature_topics'):
         words = [str(stored.path), str(paths[0]), *topics.options('')]
         compensate = shlex.join(['wrist_ft_comp', 'compensate', *words])
         heat = tuple(f'TEMPERATURE_{j + 1}' for j in range(stored.model.thermometers))
