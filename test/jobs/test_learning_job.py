@@ -16,6 +16,7 @@ from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
 from wrist_ft_comp.learning.days import day_files, diary_path, LARGEST_BYTES, load_diary
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
+from wrist_ft_comp.stored.payload_file import load_payloads
 
 QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))
 CELLS, PERIOD_S = 300, 4.0
@@ -84,11 +85,15 @@ def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
     sources = [Path(source['path']).name for source in provenance['recordings']]
     assert sources == ['day_00001.csv', 'day_00002.csv']
     assert provenance['settings']['reference'] == 'payload'
+    ((payload, _),) = load_payloads(stored.path.with_name('payloads.json')).values()
+    assert payload.mass_kg == pytest.approx(1.0, rel=0.03)
     report = stored.path.with_suffix('.html').read_text()
     assert all(name in report for name in sources)
     diary = load_diary(sensor)
     assert [day.name for day in diary.days] == sources
     assert [day.better for day in diary.days] == ['', stored.path.name]
+    by_new, none = (np.array(diary.days[1].left[key]) for key in ('challenger', 'none'))
+    assert (by_new < 0.3 * none).all(), 'what a fit to the other days left'
 
 
 def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers, tmp_path):

@@ -7,7 +7,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.learning import model_choice
-from wrist_ft_comp.learning.days import CHALLENGER, DayEntry, NONE, worthiest
+from wrist_ft_comp.learning.days import DayEntry, NONE, worthiest
 from wrist_ft_comp.learning.incidents import describe, left, look_at
 from wrist_ft_comp.learning.model_choice import Champion, compare, describe_day, reason, take
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
@@ -44,19 +44,6 @@ def past(look, champion, *numbers):
     for number in numbers:
         entries.append(describe_day(NAMES[number], look, entries, champion))
     return entries
-
-
-def test_a_model_is_learnt_where_there_is_none(look):
-    before = past(look, Champion(), 1, 2)
-    choice = take(NAMES[3], look, before, Champion(), NAMES, settings=QUICK)
-    assert choice.better is not None
-    assert choice.days == tuple(NAMES[1:4])
-    assert choice.better.settings.reference == 'payload'
-    (payload,) = choice.better.payloads.payloads.values()
-    assert round(payload.mass_kg, 1) == 1.5
-    assert 'It is better' in choice.entry.verdict
-    by_new, none = (np.array(choice.entry.left[key]) for key in (CHALLENGER, NONE))
-    assert (by_new < 0.3 * none).all(), 'what a fit to the other days left'
 
 
 def test_all_days_replace_the_live_model_unless_they_leave_clearly_more(look, good, monkeypatch):
