@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.compensated_copy import rewrite_recording
 from wrist_ft_comp.recordings.read import compensate, read_recording, recording_from_columns
-from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
 
 ROWS = 400
 EPOCH = 1_723_248_197_123_456_789
@@ -80,21 +77,6 @@ def test_stamps_may_be_of_any_kind_and_temperatures_in_fahrenheit(columns):
 def test_bad_columns_get_their_sentence(change, sentence):
     with pytest.raises(RecordingError, match=sentence):
         recording_from_columns({**GOOD, **change})
-
-
-def test_compensated_columns_are_those_of_a_compensated_file(columns, as_csv, make_model):
-    table = {name: column for name, column in columns.items() if name != 'note'}
-    model = make_model({'force_z': (0.4, 1e-2, 50.0), 'torque_y': (0.1, 0.0, 5.0)}, thermometers=3)
-    path = as_csv(table)
-    track = track_drift(model, read_recording(path))
-    target = path.with_name('compensated.csv')
-    rewrite_recording(path, target, lambda at, raw: correct_many(track, at, raw))
-    rows = np.genfromtxt(target, names=True, delimiter=',')
-    compensated = compensate(model, table)
-    assert list(compensated) == [axis for axis in AXES if axis in table]
-    for axis, values in compensated.items():
-        np.testing.assert_allclose(values, rows[axis], rtol=1e-12)
-    assert np.ptp(compensated['force_z'] - table['force_z']) > 0.1
 
 
 def test_compensated_columns_are_tared_on_the_first_seconds_alone(make_model):
