@@ -108,7 +108,7 @@ def test_unusable_recordings_are_left_out_when_that_is_wanted(good, two, tmp_pat
         run_job(job(tmp_path, empty, missing, skip_unusable=True))
     with pytest.raises(RecordingError, match=r'gone\.csv does not exist'):
         run_job(job(tmp_path, good, missing))
-    with pytest.raises(CalibrationRefusedError, match='thermometers'):
+    with pytest.raises(CalibrationRefusedError, match='has 1 thermometers and two'):
         run_job(job(tmp_path, good, two))
 
 

@@ -102,7 +102,6 @@ def test_a_part_is_counted_from_the_first_message_with_a_stamp(write, messages):
 
 
 @pytest.mark.parametrize(('topics', 'sentence'), [
-    (Topics(wrench='/log'), '/log of bag is std_msgs/msg/String.*be geometry_msgs/msg/Wrench'),
     (Topics(temperatures=('/temperature', 'temperature')), 'named twice'),
     (Topics(reference='/ati'), 'no topic /ati for the reference'),
     (

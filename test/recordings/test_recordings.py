@@ -32,7 +32,6 @@ def raw_messages(path):
 
 
 @pytest.mark.parametrize(('name', 'content', 'sentence'), [
-    ('nothing', None, 'nothing does not exist'), ('no.mcap', None, 'no.mcap does not exist'),
     ('folder/notes.txt', b'x', 'folder is no bag: expected a folder with metadata.yaml'),
     ('old.bag', b'', 'ROS 1 bag'), ('bag.db3.zstd', b'', 'name the folder'),
     ('empty.csv', b'', 'empty.csv is empty'), ('a.db3', b'', 'a.db3 is empty'),
@@ -42,9 +41,8 @@ def raw_messages(path):
 ])  # fmt: skip
 def test_a_path_that_is_no_recording_is_refused(tmp_path, name, content, sentence):
     path = tmp_path / name
-    if content is not None:
-        path.parent.mkdir(exist_ok=True)
-        path.write_bytes(content)
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(content)
     named = path if path.parent == tmp_path else path.parent
     for look in (read_recording, lambda path: describe_recording(path, Topics(), print)):
         with pytest.raises(RecordingError, match=sentence):
