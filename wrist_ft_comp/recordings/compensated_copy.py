@@ -12,6 +12,7 @@ from wrist_ft_comp.recording import Correction, Topics
 from wrist_ft_comp.recordings.bag import decode
 from wrist_ft_comp.recordings.column_map import COMPENSATED
 from wrist_ft_comp.recordings.read import backend, open_recording, OpenBag, OpenTable
+from wrist_ft_comp.recordings.table import STAMP_NS
 from wrist_ft_comp.series import NANOSECONDS, Progress
 from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.stored.safe_file import Output, writing
@@ -105,25 +106,25 @@ def _write_table(
     empty = [*(name for name in source.names if name.startswith(ORIGIN)), COMPENSATED]
     first_ns, left_out = list[int](), 0
     for number, rows in enumerate(source.rows(progress)):
+        stamps_ns = rows[STAMP_NS].to_numpy()
         # Of tables that are joined, each fills its own columns.
-        frame = pandas.DataFrame({'stamp_ns': rows.stamps_ns, **rows.values})
-        frame = frame.reindex(columns=['stamp_ns', *channels, *empty])
+        frame = rows.reindex(columns=[STAMP_NS, *channels, *empty])
         wrench = frame.reindex(columns=AXES).to_numpy(float, copy=True)
         absent = np.isnan(wrench)
         filled = ~absent.all(axis=1)
         if filled.any():
-            wrench[filled] = correct(rows.stamps_ns[filled], wrench[filled])
+            wrench[filled] = correct(stamps_ns[filled], wrench[filled])
         wrench[absent] = np.nan
         for axis in {*AXES} & {*channels}:
             frame[axis] = wrench[:, AXES.index(axis)]
         # Where temperatures do not count, no drift is known.
-        first_ns += rows.stamps_ns[:1].tolist()
-        inside = source.options.excerpt.has((rows.stamps_ns - first_ns[0]) / NANOSECONDS)
+        first_ns += stamps_ns[:1].tolist()
+        inside = source.options.excerpt.has((stamps_ns - first_ns[0]) / NANOSECONDS)
         frame, left_out = frame[inside], left_out + int((~inside).sum())
         frame.to_csv(target, mode='a', index=False, header=not number, lineterminator='\n')
     if len(source.tables) > 1:
-        frame = pandas.read_csv(target, float_precision='round_trip', dtype={'stamp_ns': np.int64})
-        frame.sort_values('stamp_ns', kind='stable').to_csv(target, index=False)
+        frame = pandas.read_csv(target, float_precision='round_trip', dtype={STAMP_NS: np.int64})
+        frame.sort_values(STAMP_NS, kind='stable').to_csv(target, index=False)
     if not left_out:
         return ()
     said = f'{left_out} rows of {source.name} are before from or after until of recording.yaml'

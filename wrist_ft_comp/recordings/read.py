@@ -24,7 +24,7 @@ from wrist_ft_comp.recordings.column_map import lacking_kinds, listed, place_col
 from wrist_ft_comp.recordings.column_proposal import Proposal, propose
 from wrist_ft_comp.recordings.read_options import ReadOptions
 from wrist_ft_comp.recordings.sample_checks import grid_samples
-from wrist_ft_comp.recordings.table import Rows, samples_of, Table, TableInMemory
+from wrist_ft_comp.recordings.table import Rows, samples_of, STAMP_NS, Table, TableInMemory
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stored.recording_writer import sensor_in
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
@@ -197,8 +197,8 @@ class OpenTable:
     def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
         """Read by block; a group that some rows fill in part comes channel by channel."""
         for rows in self.rows(progress):
-            self.counts.update(dict.fromkeys(rows.values, 0))
-            for block in samples_of(rows.stamps_ns, rows.values):
+            self.counts.update(dict.fromkeys(rows.drop(columns=STAMP_NS), 0))
+            for block in samples_of(rows):
                 self.counts.update(dict.fromkeys(block.channels, len(block.stamps_ns)))
                 ends = *self.span_ns, *block.stamps_ns[:1].tolist(), *block.stamps_ns[-1:].tolist()
                 self.span_ns = (min(ends), max(ends)) if ends else ()
@@ -214,13 +214,13 @@ class OpenTable:
             float(np.median(np.diff(stamps_ns))) / NANOSECONDS
             for table, placed in pairs
             for rows in islice(_rows_of(table, placed), 1)
-            for block in samples_of(rows.stamps_ns, rows.values)
+            for block in samples_of(rows)
             if len(stamps_ns := np.unique(block.stamps_ns)) > 1
         ]
         spacing_s = min((s for s in spacings_s if s <= LONGEST_SPACING_S), default=1.0)
         if spacing_s <= 1.0:
             return 1.0, 0.0
-        ends = [rows.stamps_ns[[0, -1]] for pair in pairs for rows in _rows_of(*pair)]
+        ends = [rows[STAMP_NS].iloc[[0, -1]] for pair in pairs for rows in _rows_of(*pair)]
         return spacing_s, float(np.ptp(ends)) / NANOSECONDS
 
     @property
@@ -395,8 +395,7 @@ def compensate(
     """
     recording = recording_from_columns(table, *others, period_s=model.period_ns / NANOSECONDS)
     (rows,) = OpenTable([TableInMemory(table, recording.name)], ReadOptions()).rows()
-    absent = np.full(len(rows.stamps_ns), np.nan)
-    raw = np.stack([rows.values.get(axis, absent) for axis in AXES], axis=1)
+    raw, stamps_ns = rows.reindex(columns=AXES).to_numpy(float), rows[STAMP_NS].to_numpy()
     tare = initial_tare(model, recording, tare_s)
-    corrected = correct_many(track_drift(model, recording), rows.stamps_ns, raw, tare)
-    return {axis: corrected[:, i] for i, axis in enumerate(AXES) if axis in rows.values}
+    corrected = correct_many(track_drift(model, recording), stamps_ns, raw, tare)
+    return {axis: corrected[:, i] for i, axis in enumerate(AXES) if axis in rows}

@@ -8,10 +8,9 @@ incomplete, it is left out.
 
 import bz2
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 import csv
-from dataclasses import dataclass
 from functools import partial
 import gzip
 from io import StringIO, TextIOWrapper
@@ -55,28 +54,11 @@ _PACKED = (b'\x1f\x8b', gzip), (b'BZh', bz2), (b'\xfd7zXZ', lzma)
 _BAD = ValueError, ArithmeticError, TypeError, AttributeError
 #: What is no text, and the library that reads it.
 _LIBRARIES = {'.xlsx': 'openpyxl', '.xlsm': 'openpyxl', '.parquet': 'pyarrow'}
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Consecutive rows: stamps, and what the channels say, NaN where a cell is empty."""
-
-    stamps_ns: IntArray
-    #: By channel, in its unit, shape (n,).
-    values: dict[str, FloatArray]
-    #: Numbers of their lines in the file.
-    lines: IntArray
-
-    def part(self, begin: int, end: int | None) -> 'Rows':
-        """Take some of them, by their places."""
-        values = {channel: column[begin:end] for channel, column in self.values.items()}
-        return Rows(self.stamps_ns[begin:end], values, self.lines[begin:end])
-
-    def joined(self, later: 'Rows') -> 'Rows':
-        """Put those that follow behind them."""
-        values = {c: np.concatenate([self.values[c], later.values[c]]) for c in self.values}
-        stamps_ns = np.concatenate([self.stamps_ns, later.stamps_ns])
-        return Rows(stamps_ns, values, np.concatenate([self.lines, later.lines]))
+#: Name of the stamps in Rows.
+STAMP_NS = 'stamp_ns'
+#: A pandas.DataFrame of consecutive rows, by the numbers of their lines in the file: STAMP_NS, and
+#: by channel what it says, in its unit, NaN where a cell is empty.
+Rows = Any
 
 
 class Table:
@@ -157,12 +139,14 @@ class Table:
 
     def rows(self, placed: Placed, progress: Progress | None = None) -> Iterator[Rows]:
         """Read the columns that are used; RecordingError where a row is bad or out of order."""
+        import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
+
         convert, n = _RowConverter(placed), _SURE_ROWS
         cat, above = _CAT.get(self.path.suffix.lower(), 'cat'), self.header.lines_above
         told = f'{cat} {shlex.quote(str(self.path))}'
         made = (f'{self.path.stem}_{what}.csv' for what in ('part_1', 'part_2', 'oldest_first'))
         one, two, turned = map(shlex.quote, made)  # in the working directory
-        held: Rows | None = None
+        held: Rows = None
         for number, text in self._texts(progress):
             is_whole, where = text.endswith('\n'), f'Line {number} of {self.name}'
             try:
@@ -173,7 +157,7 @@ class Table:
                     raise
                 self.warnings.append(f'{where} is cut off in its middle; it was left out.')
                 continue
-            if not len(rows.stamps_ns):
+            if not len(rows):
                 continue
             if not is_whole:
                 cell = cut_line(text, self.header.delimiter)[-1]
@@ -181,20 +165,21 @@ class Table:
                     f'{where} has no line end; if it was cut off, its last value '
                     f'({self.header.names[-1]} = {cell!r}) is incomplete.'
                 )
-            runs_back = len(rows.lines) > n and rows.stamps_ns[-1] < rows.stamps_ns[0]
-            if held is None and runs_back and (np.diff(rows.stamps_ns) <= 0).all():
+            stamps_ns = rows[STAMP_NS].to_numpy()
+            runs_back = len(rows) > n and stamps_ns[-1] < stamps_ns[0]
+            if held is None and runs_back and (np.diff(stamps_ns) <= 0).all():
                 raise RecordingError(
                     f'{self.name} has its newest row first. Turn it round by "(set -C; ({told} | '
                     f'head -n {above}; {told} | tail -n +{above + 1} | tac) > {turned})".'
                 )
-            held = held.part(-2 * n, None).joined(rows) if held else rows
-            for k in (np.flatnonzero(np.diff(held.stamps_ns) < 0) + 1).tolist():
-                around, line = held.part(max(k - n, 0), k + n), held.lines[k]
-                steps_ns = np.diff(around.stamps_ns)
+            held = rows if held is None else pandas.concat([held.iloc[-2 * n :], rows])
+            for k in (np.flatnonzero(np.diff(held[STAMP_NS]) < 0) + 1).tolist():
+                around, line = held.iloc[max(k - n, 0) : k + n], held.index[k]
+                steps_ns = np.diff(around[STAMP_NS])
                 is_sure = len(steps_ns) == 2 * n - 1 and (steps_ns < 0).sum() == 1
                 # Other channels may stand below the first ones, as pandas.concat puts them.
-                filled = [np.isfinite(values) for values in around.values.values()]
-                goes_on = any(is_filled[:n].any() and is_filled[n:].any() for is_filled in filled)
+                filled = np.isfinite(around.drop(columns=STAMP_NS).to_numpy())
+                goes_on = (filled[:n].any(axis=0) & filled[n:].any(axis=0)).any()
                 if is_sure and goes_on and steps_ns.sum() < 0:
                     step_s = float(np.median(steps_ns[: n - 1])) / NANOSECONDS
                     channels = [c.entry(self.header.columns_before) for c in placed.channels]
@@ -306,7 +291,7 @@ class _RowConverter:
             values[column.channel] = column.to_channel(cells.astype(float))
         stamps_ns = self._stamps_of(frame, lines)
         self._count += len(lines)
-        return Rows(stamps_ns, values, lines)
+        return frame[[]].assign(**{STAMP_NS: stamps_ns}, **values)
 
     def _numbers(self, cells: Sequence[Any]) -> FloatArray:
         return np.array([self._header.number_in(str(cell)) for cell in cells], float)
@@ -414,20 +399,15 @@ def _by_library(path: Path, library: str) -> Iterator[str]:
         ) from error
 
 
-def samples_of(stamps_ns: IntArray, values: Mapping[str, FloatArray]) -> Iterator[Samples]:
-    """
-    Make blocks of samples of the values of channels, shape (n,), NaN where there is none.
-
-    A group of channels is split where a row holds a part of it.
-    """
-    alone = [(channel,) for channel in values if channel.startswith('temperature')]
+def samples_of(rows: Rows) -> Iterator[Samples]:
+    """Make blocks of samples; a group of channels is split where a row holds a part of it."""
+    alone = [(channel,) for channel in rows if channel.startswith('temperature')]
     for whole in (AXES, *alone, *GROUPS[1:]):
-        group = tuple(channel for channel in whole if channel in values)
+        group = tuple(channel for channel in whole if channel in rows)
         if not group:
             continue
-        filled = np.stack([~np.isnan(values[channel]) for channel in group])
-        together = (filled == filled[0]).all()
+        filled = rows[[*group]].notna().to_numpy()
+        together = (filled == filled[:, :1]).all()
         for channels in [group] if together else [(channel,) for channel in group]:
-            at = ~np.isnan(values[channels[0]])
-            block = np.stack([values[channel][at] for channel in channels], axis=1)
-            yield Samples(channels, stamps_ns[at], block)
+            at, block = rows[channels[0]].notna().to_numpy(), rows[[*channels]].to_numpy()
+            yield Samples(channels, rows[STAMP_NS].to_numpy()[at], block[at])
