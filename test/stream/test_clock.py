@@ -12,7 +12,7 @@ HOUR = 3600 * SECOND
 
 
 def make(sources=1):
-    return SourceClocks(sources, patience_s=5.0)
+    return SourceClocks(sources)
 
 
 def feed(clocks, stamps, source=0):

@@ -107,6 +107,8 @@ def test_cells_of_a_minute_are_said_to_be_behind(make_model):
         compensator.add_temperature(0, second * SECOND, 20.0 + second / 120.0)  # 1 N a minute
     (doubt,) = seldom_doubts(compensator.tracker, compensator.moves)
     assert 'followed every 60 s, so that the drift of force_z may be 1 N behind' in doubt
+    compensator.tracker.model = replace(model, deviation={'force_z': 0.5})
+    assert not seldom_doubts(compensator.tracker, compensator.moves), 'within what it states'
 
 
 @pytest.mark.parametrize('rounded_k', [0.0, 0.5])
@@ -144,6 +146,16 @@ def test_one_that_reports_each_second_is_followed_beside_a_seldom_one(make_model
             compensator.add_temperature(1, second * SECOND, 20.0)
         drift_n = compensator.compensation_at(second * SECOND).zero[2]
         assert second < 10 or second / 60 - drift_n < 0.3
+
+
+def test_clocks_that_are_set_back_are_followed_however_long_a_silence_is_allowed(make_model):
+    model = make_model({'force_z': (1.0, 0.0, 1.0)})
+    compensator = Compensator(1, StreamSettings(temperature_timeout_s=3600.0), model)
+    for second in range(0, 1200, 20):
+        at = (2000 + second - 1500 * (second >= 600)) * SECOND
+        compensator.add_temperature(0, at, 20.0 + second / 60, arrival_ns=second * SECOND)
+        compensator.correct(at, LOAD.tolist())
+    assert compensator.compensation_at(at + 30 * SECOND).zero[2] == pytest.approx(20.0, abs=1.0)
 
 
 @pytest.mark.parametrize(('first_s', 'until_s'), [(1, 300), (60, 3000)], ids=['dead', 'seldom'])
@@ -345,6 +357,18 @@ class TestTare:
             compensator.set_tare(LOAD, (100 - waited_s) * SECOND)
         compensator.go_live(model, newest_before(100))
         said = ['before the model went live' in why for why in compensator.zero_doubts]
+        assert sum(said) == doubts
+
+    @pytest.mark.parametrize(('taken_s', 'doubts'), [(10, 1), (None, 0)])
+    def test_a_tare_holds_what_axes_drifted_of_which_the_model_before_knew_nothing(
+        self, make_model, model, taken_s, doubts
+    ):
+        compensator = Compensator(1, StreamSettings(), make_model({'force_x': (0.4, 0.0, 30.0)}))
+        stream(compensator, (0, 100))
+        if taken_s:
+            compensator.set_tare(LOAD, taken_s * SECOND)
+        compensator.go_live(model, newest_before(100))
+        said = ['knew nothing of force_z' in why for why in compensator.zero_doubts]
         assert sum(said) == doubts
 
     def test_a_tare_while_a_thermometer_is_silent_is_doubted(self, make_model):

@@ -21,9 +21,10 @@ from wrist_ft_comp.series import BoolArray, IntArray, NANOSECONDS
 
 #: The stamp of a sample that came without one.
 NO_TIME = int(np.iinfo(np.int64).min)
-#: Stamps leap where they step by more than the first, s, or by more than the second beyond what
-#: passed by arrival (a bag that is played fast looks so, too, where a thermometer is silent) ...
+#: Stamps leap where they step by more than the first, s, or by more than the second back or beyond
+#: what passed by arrival (a bag that is played fast looks so where a thermometer is silent) ...
 LEAP_S, _SET_S = 60.0, 5.0
+_SET_NS = round(_SET_S * NANOSECONDS)
 #: ... and by more usual steps than this, because those of a slow sensor are long.
 _LEAP_STEPS = 4
 #: Stamps of wrenches stand still after this many looks in a row at the same one, 2 s: some drivers
@@ -113,7 +114,7 @@ class SourceClocks:
     goes on from it, or from the time before.
     """
 
-    def __init__(self, sources: int, patience_s: float) -> None:
+    def __init__(self, sources: int) -> None:
         #: Samples that were dropped as strays, and because their stamp was not later, or no number
         #: in them.
         self.strays = self.rejected = 0
@@ -121,7 +122,6 @@ class SourceClocks:
         self.leaps = 0
         #: A leap of the clock of all sources, at the sample that was taken last.
         self.leap: Leap | None = None
-        self._patience_ns = round(patience_s * NANOSECONDS)
         self._clocks = [_Clock() for _ in range(sources)]
         #: The highest stamp that counted since the last leap.
         self._highest_ns = NO_TIME
@@ -147,7 +147,7 @@ class SourceClocks:
         is_known = passed_ns is not None and usual_ns > 0
         is_ahead = leaps(ahead_ns, usual_ns, _SET_S if is_known else LEAP_S)
         kept, clock.kept = clock.kept, None
-        if last is None or not (step_ns < -self._patience_ns or is_ahead):
+        if last is None or not (step_ns < -_SET_NS or is_ahead):
             self.strays += kept is not None
             if last is not None and sample.stamp_ns <= last.stamp_ns:
                 self.rejected += 1
@@ -170,10 +170,10 @@ class SourceClocks:
     def _leap_of_all(self, last: Sample, first: Sample, second: Sample) -> Leap | None:
         """Find out whether the clock of all was set; one source after the other notices that."""
         passed_ns = _passed_ns(last, first)
-        is_silence, follows_others = False, second.stamp_ns >= self._highest_ns - self._patience_ns
+        is_silence, follows_others = False, second.stamp_ns >= self._highest_ns - _SET_NS
         if first.stamp_ns > last.stamp_ns:
             is_silence = passed_ns is None
-            follows_others = first.stamp_ns <= self._highest_ns + self._patience_ns
+            follows_others = first.stamp_ns <= self._highest_ns + _SET_NS
         if is_silence or follows_others:
             return None
         self._highest_ns = first.stamp_ns

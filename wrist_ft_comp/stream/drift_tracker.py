@@ -49,7 +49,7 @@ class DriftTracker:
         self.origin = _NOT_YET
         #: Whether a thermal state could not be used after a gap, or was of wrong readings.
         self.forgot = False
-        self.clocks = SourceClocks(thermometers, patience_s)
+        self.clocks = SourceClocks(thermometers)
         #: Of each thermometer.
         self.spikes = [SpikeFilter() for _ in range(thermometers)]
         self.grid = ThermalGrid(period_ns, thermometers, patience_s)

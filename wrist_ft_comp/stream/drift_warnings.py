@@ -93,13 +93,13 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
 
 def seldom_doubts(tracker: DriftTracker, moves: Mapping[int, FloatArray]) -> list[str]:
     """
-    Say whose seldom reports, or long cells, leave more of the drift than the model does.
+    Say whose seldom reports, or long cells, leave more of the drift than the model states.
 
     Takes how far the last report of each thermometer moved the drift, N and N m, (6,).
     """
     sentences = []
     for j, behind in moves.items():
-        worst = _off(tracker.model, behind, times=1.0)
+        worst = _off(tracker.model, behind)
         spacing_s = tracker.grid.spacing(j) * tracker.grid.period_ns / NANOSECONDS
         if spacing_s > OUTAGE_S and worst:
             sentences.append(
@@ -109,11 +109,11 @@ def seldom_doubts(tracker: DriftTracker, moves: Mapping[int, FloatArray]) -> lis
     return sentences
 
 
-def _off(model: DriftModel | None, off: FloatArray, *, times: float = _CERTAIN) -> str:
-    """Say how far the drift may be off, N and N m, (6,), beyond deviations of the model."""
+def _off(model: DriftModel | None, off: FloatArray) -> str:
+    """Say how far the drift may be off, N and N m, (6,), beyond what the model states."""
     if model is None:
         return ''
-    excess = off - [times * model.deviation.get(axis, 0.0) for axis in AXES]
+    excess = off - [_CERTAIN * model.deviation.get(axis, 0.0) for axis in AXES]
     worst = int(np.argmax(excess / axis_limits(1.0)))
     if excess[worst] <= 0:
         return ''
