@@ -29,7 +29,7 @@ BESIDE_THE_MATHEMATICS = {
 ROS = re.compile(r'rcl|ros|ament|builtin_interfaces$|launch|tf2|\w+_(msgs|srvs|interfaces)$')
 
 
-#: Every module: by its name, such as ``drift.arx``, its syntax tree.
+#: Every module: by its name, such as ``drift.arx_pls``, its syntax tree.
 MODULES = {
     '.'.join(path.relative_to(PACKAGE).with_suffix('').parts).removesuffix('.__init__'): ast.parse(
         path.read_text('utf-8')

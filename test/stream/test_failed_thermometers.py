@@ -162,17 +162,17 @@ def test_one_that_agrees_again_for_half_an_hour_is_believed(learn, make_day, fau
     assert seen[CELLS - 2] == pytest.approx(usual[CELLS - 2], abs=0.1)
 
 
-@pytest.mark.parametrize(('tau_s', 'is_remembered'), [(1.0, False), (900.0, True)])
-def test_what_one_missed_while_it_was_silent_is_doubted_until_the_model_has_forgotten_it(
-    learn, make_day, make_model, tau_s, is_remembered
+@pytest.mark.parametrize(('fault', 'tau_s'), [('dead', 1.0), ('dead', 900.0), ('frozen', 900.0)])
+def test_what_one_missed_while_it_failed_is_doubted_until_the_model_has_forgotten_it(
+    learn, make_day, make_model, fault, tau_s
 ):
-    begin, back = 451, 466  # the motor warms fast from the first on
+    begin, back, is_remembered = 451, 466, tau_s > 1.0  # the motor warms fast from the first on
     prediction, axes = learn(3).model.prediction, {'force_z': (2.0, 0.0, tau_s)}
     lag = make_model(
         axes, period_s=PERIOD_S, thermometers=3, range_c=(20.0, 50.0), prediction=prediction
     )
     model = replace(lag, deviation={'force_z': 0.1})
-    compensator, day = Compensator(3, model=model), failing(make_day(7), 'dead', 0, begin, back)
+    compensator, day = Compensator(3, model=model), failing(make_day(7), fault, 0, begin, back)
     stream(compensator, day, end=back - 3)
     assert gap_doubts(compensator.tracker) == []
     seen = stream(compensator, day, back - 3, back + 4)

@@ -16,13 +16,7 @@ from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
 from wrist_ft_comp.fit import data_checks as checks
 from wrist_ft_comp.fit.auto_method import identify_auto
-from wrist_ft_comp.fit.axis_data import (
-    AxisData,
-    BIN_S,
-    build_axis_data,
-    find_plateaus,
-    MIN_SAMPLES,
-)
+from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data, MIN_SAMPLES
 from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.fit.outliers_and_steps import begin_after_pauses, MOVING, segment
 from wrist_ft_comp.fit.paper_methods import identify_paper_method
@@ -67,13 +61,15 @@ def calibrate(
             recordings, lambda drift: _learn(drift, axes, folds, settings, lambda _: None)[1]
         )
     fits, model, said = _learn(work.drift if work else recordings, axes, folds, settings, progress)
-    # A driver may have been tared in a long pause: where far more is explained then, it was.
-    tared, begun = begin_after_pauses(recordings)
-    if begun and not work and find_plateaus(recordings) is None:
+    # A driver may have been tared in a long pause: where that explains far more, it was.
+    tared, begun = begin_after_pauses(recordings, reference)
+    if begun:
         with suppress(WristFtCompError):  # segments may be too short for an ARX
             again = _learn(tared, axes, folds, settings, lambda _: None)
-            shares = [(fit.share_left, again[0][axis].share_left) for axis, fit in fits.items()]
-            if any(2 * segmented < whole for whole, segmented in shares):
+            if any(
+                2 * new.rms_after * fit.rms_before < fit.rms_after * new.rms_before
+                for fit, new in zip(fits.values(), again[0].values(), strict=True)
+            ):
                 (fits, model, said), stepped = again, stepped + begun
     # Say what to doubt.
     sensors = {f'in recording {n}, {one.name}': one.sensor for n, one in enumerate(recordings, 1)}

@@ -120,7 +120,7 @@ def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
                     f'{axis} reads {read[0][0]:.6g} {axis_unit(axis)} throughout: the channel is '
                     'dead, or not connected. It is left uncompensated.'
                 )
-                sound = [_without(recording, column) for recording in sound]
+                sound = [_without(recording, column, slice(None)) for recording in sound]
             continue
         measures = True
         lost = list[str]()
@@ -139,11 +139,9 @@ def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
             )
             if share > MOST_LEFT_OUT:
                 lost.append(what)
-                sentences.append(f'{what}; it is not learnt from that recording.')
-                sound[i] = _without(sound[i], column)
-            else:
-                sentences.append(f'{what}; left out.')
-                sound[i] = _without(sound[i], column, cells)
+            left_out = 'it is not learnt from that recording' if what in lost else 'left out'
+            sentences.append(f'{what}; {left_out}.')
+            sound[i] = _without(sound[i], column, slice(None) if what in lost else cells)
         if lost and not any(axis in recording.axes_present for recording in sound):
             raise CalibrationRefusedError(
                 f'{lost[0]}; up to {100 * MOST_LEFT_OUT:.0f} % can be left out. Check the range '
@@ -158,10 +156,8 @@ def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
     return sound, sentences
 
 
-def _without(
-    recording: Recording, column: int, cells: BoolArray | slice = slice(None)
-) -> Recording:
-    """Make cells of one axis NaN, all as a rule."""
+def _without(recording: Recording, column: int, cells: BoolArray | slice) -> Recording:
+    """Make cells of one axis NaN."""
     wrench = recording.wrench.copy()
     wrench[cells, column] = np.nan
     return replace(recording, wrench=wrench)

@@ -49,7 +49,7 @@ def segment(recordings: Sequence[Recording], reference: Reference) -> Cleaned:
     Every step is kept in ``Recording.steps``, for a constant of its own, and named. The sentences
     say what was found. CalibrationRefusedError where a load moves, or steps too often.
     """
-    # The load is known, or what is between two plateaus is the drift.
+    # The load is known, or what is between the plateaus of a chamber is the drift.
     if reference in {'recorded', 'payload'} or find_plateaus(recordings) is not None:
         return list(recordings), []
     segmented, sentences = list[Recording](), list[str]()
@@ -72,10 +72,11 @@ def segment(recordings: Sequence[Recording], reference: Reference) -> Cleaned:
     return segmented, sentences
 
 
-def begin_after_pauses(recordings: Sequence[Recording]) -> Cleaned:
+def begin_after_pauses(recordings: Sequence[Recording], reference: Reference) -> Cleaned:
     """Begin a segment after each long pause, in which a driver may have been tared; say where."""
     begun, sentences = list[Recording](), list[str]()
-    for recording in recordings:
+    drifts = reference != 'payload' and find_plateaus(recordings) is None
+    for recording in recordings if drifts else ():
         at = np.flatnonzero(np.isfinite(recording.wrench).any(axis=1))
         pause_s = max(_RESTART_S, 3 * _cells_apart(at) * recording.period_s)
         cells = at[1:][np.diff(at) * recording.period_s > pause_s].tolist()

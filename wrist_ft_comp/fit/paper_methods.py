@@ -128,7 +128,7 @@ def identify_lags(data: AxisData, settings: IdentificationSettings) -> AxisFit:
 
     A drift that goes on for longer than the recordings is refused.
     """
-    features = build_features(data.temperature_c, settings)
+    features = build_features(data.temperature_c, settings, data.residual)
     refits: dict[str, Refit] = {}
     for count, lags in enumerate(('static', '1 time constant', '2 time constants')):
         for degree in range(1, features.degree + 1):

@@ -86,11 +86,11 @@ class AxisFit:
     expected_rms: float
     #: The errors behind rms_before and rms_after, for pictures.
     held_out: HeldOut
-    #: Time constants that were searched, increasing, s, ...
+    #: Time constants that were searched, increasing, s.
     time_constants_s: tuple[float, ...] = ()
     #: What had to be mended, and what could not be learnt, in sentences.
     notes: tuple[str, ...] = ()
-    #: ... and their standard errors, s.
+    #: Standard errors of the time constants, s.
     time_constant_errors_s: tuple[float, ...] = ()
     #: Why this axis could not be learnt although it drifts; empty when it was.
     refusal: str = ''
@@ -101,11 +101,6 @@ class AxisFit:
     #: Largest drift without compensation since a recording's first minute, in means over 10 s; NaN
     #: where nothing is tared, as for a chamber test.
     largest_drift: float = np.nan
-
-    @property
-    def share_left(self) -> float:
-        """What is left of the drift, as a share of it; 1 where there was none."""
-        return self.rms_after / self.rms_before if self.rms_before else 1.0
 
 
 @dataclass(frozen=True, eq=False)

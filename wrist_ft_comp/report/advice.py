@@ -172,7 +172,8 @@ def _recorded(case: Case) -> Iterator[str]:
     leading = f'thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
     longest_s, wanted_s = max(durations_s), max(_TIME_CONSTANTS * case.slowest_s, _SHORTEST_S)
     if longest_s < wanted_s:
-        why = f', as the slowest lag is {case.slowest_s / 60:.0f} min' if case.slowest_s else ''
+        is_slow = wanted_s > _SHORTEST_S
+        why = f', as the slowest lag is {case.slowest_s / 60:.0f} min' if is_slow else ''
         yield (
             f'The longest recording lasts {longest_s / 3600:.1f} h; record '
             f'{wanted_s / 3600:.1f} h or more{why}.'

@@ -182,8 +182,9 @@ class DriftTracker:
                 spikes.replace(self.end_ns, is_replaced=is_replaced)
             believed_again = state.replaced & ~self.thermometers.replaced
             agreed_k = np.where(believed_again, prediction.agree_k, 0.0)
-            # The last value of one that was silent was held, while it moved.
-            silent_s = np.where(heard & ~state.replaced, state.silent_s, 0.0)
+            # The last value of one that was silent, or seemed frozen, was held, while it moved.
+            held_s = np.where(state.suspicious(prediction, 0.5), state.still_s, state.silent_s)
+            silent_s = np.where(heard & ~state.replaced, held_s, 0.0)
             is_back = silent_s > max(_SILENT_S, usual_s)
             missed_k = np.where(is_back, cell.temperature_c - state.reading_c, 0.0)
             missed = round(float(silent_s.max()) / period_s)

@@ -43,10 +43,6 @@ def refusal(context, tmp_path, *arguments):
         (['-r', 'wrench:=/diagnostics'], 'The topic /diagnostics cannot be used'),
         (['-r', 'wrench_raw:=/rosout'], 'The topic wrench_raw cannot be used'),
         ([*IMU, '-p', 'payload.active:=nail'], r'was learnt (there is none yet); got nail'),
-        (
-            [*IMU, '-p', 'payload.active:=manual', '-p', 'payload.mass:=1.5'],
-            '~/identify_payload first; that takes a minute of motion',
-        ),
     ],
 )
 @pytest.mark.filterwarnings('ignore:A zero depth')
