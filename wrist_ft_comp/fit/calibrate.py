@@ -66,9 +66,10 @@ def calibrate(
     if begun:
         with suppress(WristFtCompError):  # segments may be too short for an ARX
             again = _learn(tared, axes, folds, settings, lambda _: None)
+            both = [(fits[axis], fit) for axis, fit in again[0].items() if axis in fits]
             if any(
-                2 * new.rms_after * fit.rms_before < fit.rms_after * new.rms_before
-                for fit, new in zip(fits.values(), again[0].values(), strict=True)
+                2 * new.rms_after * old.rms_before < old.rms_after * new.rms_before
+                for old, new in both
             ):
                 (fits, model, said), stepped = again, stepped + begun
     # Say what to doubt.

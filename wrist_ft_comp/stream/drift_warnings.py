@@ -32,8 +32,7 @@ def gap_doubts(tracker: DriftTracker) -> list[str]:
     worst = _off(tracker.model, tracker.uncertainty.left(tracker.end_ns, tracker.memory_s))
     sentence = (
         'the thermal state is uncertain, because the robot was warm at the start, or temperatures '
-        f'were missing or wrong, or their clock was set: {worst} off, and less and less from now '
-        'on'
+        f'were missing or wrong, or a clock was set: {worst} off, and less and less from now on'
     )
     return [sentence] if worst else []
 

@@ -325,7 +325,7 @@ TEMPERATURES = {
     'simulation again': (EARLIER, LEAP, 5.5),
     'simulated gap': (
         [(second, 44.0) for second in range(1520, 1540)],
-        'their clock was set: the drift of force_z may be 1.4 N off',
+        'a clock was set: the drift of force_z may be 1.4 N off',
         12.0,
     ),
     'seldom': (
