@@ -144,10 +144,12 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
         x = seen.expand(seen.clamp(relaxed_c[i][rows])).reshape(len(rows), -1)
         of_fold = -bins.mean_columns(i, rows, x) @ gains.T
         cells.append(np.minimum((rows + 0.5) * bins.cells - 0.5, len(data.residual[i]) - 1))
-        errors.append(tare(of_fold, bins.segments[i][rows], data.bin_s))
+        segments = bins.segments[i][rows]
+        errors.append([tare(of_fold, one, data.bin_s) for one in (segments, 0 * segments)])
         compared.append(_compared_squares(of_fold, data.bin_s))
-    left = hold_out(data, cells, np.concatenate(errors))
-    weights = weigh(left, compared)
+    # What is left is stated of segments, and whether a model runs is decided by whole folds.
+    left, whole = (hold_out(data, cells, np.concatenate(one)) for one in zip(*errors, strict=True))
+    weights = weigh(whole, compared)
     used = weights[0] < 1
     model = None
     if used:

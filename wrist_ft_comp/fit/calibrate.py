@@ -61,16 +61,13 @@ def calibrate(
             recordings, lambda drift: _learn(drift, axes, folds, settings, lambda _: None)[1]
         )
     fits, model, said = _learn(work.drift if work else recordings, axes, folds, settings, progress)
-    # A driver may have been tared in a long pause: where that explains far more, it was.
+    # A driver may have been tared in a long pause: where that halves the share left, it was.
     tared, begun = begin_after_pauses(recordings, reference)
     if begun:
         with suppress(WristFtCompError):  # segments may be too short for an ARX
             again = _learn(tared, axes, folds, settings, lambda _: None)
             both = [(fits[axis], fit) for axis, fit in again[0].items() if axis in fits]
-            if any(
-                2 * new.rms_after * old.rms_before < old.rms_after * new.rms_before
-                for old, new in both
-            ):
+            if any(2 * b.rms_after * a.rms_before < a.rms_after * b.rms_before for a, b in both):
                 (fits, model, said), stepped = again, stepped + begun
     # Say what to doubt.
     sensors = {f'in recording {n}, {one.name}': one.sensor for n, one in enumerate(recordings, 1)}
