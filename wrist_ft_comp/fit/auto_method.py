@@ -147,9 +147,9 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
         segments = bins.segments[i][rows]
         errors.append([tare(of_fold, one, data.bin_s) for one in (segments, 0 * segments)])
         compared.append(_compared_squares(of_fold, data.bin_s))
-    # What is left is stated of segments, and whether a model runs is decided by whole folds.
+    # What is left is stated of segments; a model runs where it helps these, or whole folds.
     left, whole = (hold_out(data, cells, np.concatenate(one)) for one in zip(*errors, strict=True))
-    weights = weigh(whole, compared)
+    weights = min((weigh(one, compared) for one in (left, whole)), key=lambda each: each[0])
     used = weights[0] < 1
     model = None
     if used:
