@@ -12,8 +12,8 @@ MOST = {
     # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
     'wrist_ft_comp': 22_561,
     # Above the goal of 19 000, for a hundred faults that were found by reading and breaking; each
-    # test was red. Up by 7: drivers tared in pauses, dead axes, clocks set back.
-    'test': 19_085,
+    # test was red. Up by 8: drivers tared in pauses, dead axes, clocks set back.
+    'test': 19_087,
     # Up by 2: thermometers of the machine of truth lose samples, but never five in a row.
     'bench': 5_200,
 }

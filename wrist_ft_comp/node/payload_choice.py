@@ -26,11 +26,11 @@ def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
 
 def unknown_turn(here: FrameIds) -> str:
     """Say that an IMU's rotation is not known, where its frame_id is not that of the wrench."""
-    if here.force_frame == here.wrench_frame:
+    if here.wrench_frame and here.force_frame == here.wrench_frame:
         return ''
     return (
         f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the wrench is '
-        'not known: this sensor has learnt no payload yet, and their frame_ids differ '
+        'not known: this sensor has learnt no payload yet, and they have no frame_id in common '
         f'({here.force_frame or "none"} and {here.wrench_frame or "none"}). Call '
         '~/identify_payload first; that takes a minute of motion.'
     )
@@ -100,9 +100,9 @@ class PayloadChoice:
             if found := list(self.frames().items()):
                 return LivePayload(name, by_hand, found[-1][1], f'learnt with {found[-1][0]}')
             here = self.specific_force.frames()
-            if problem := unknown_turn(here):
+            if any(here) and (problem := unknown_turn(here)):
                 raise SettingsError(problem)
-            # At a start neither has come yet; the status says it where they differ.
+            # At a start neither has come yet; the status says it until they are one.
             said = f'because both frame_ids are {here.wrench_frame or "taken for one"}'
             frame = ForceFrame(source=source, **here._asdict())
             return LivePayload(name, by_hand, frame, said, is_assumed=True)

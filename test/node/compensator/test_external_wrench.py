@@ -278,7 +278,7 @@ def test_a_payload_by_hand_turns_as_this_sensor_learnt(held, other):
     assert part.status().values['turn'].endswith('learnt with day-2')
     part = held(('other', replace(MOUNTED, **other)), ('day', FRAME))
     part.force.frames = lambda: FrameIds('imu', 'right')
-    with pytest.raises(SettingsError, match='their frame_ids differ'):
+    with pytest.raises(SettingsError, match='no frame_id in common'):
         part.hub.set(part.part, **BY_HAND)
     part.force.frames = lambda: FrameIds('right', 'right')
     part.hub.set(part.part, **BY_HAND)
@@ -291,7 +291,9 @@ def test_a_payload_by_hand_turns_as_this_sensor_learnt(held, other):
 def test_a_launch_file_may_name_a_payload_by_hand_before_frame_ids_are_known(held):
     part = held(here=FrameIds('', ''), **BY_HAND)
     part.feel(START, UP)
-    for imu, words in (('tool0', 'subtracting manual'), ('imu', 'differ (imu and tool0)')):
+    part.ask(START, CONSTANT)
+    assert 'no frame_id in common (none and none)' in part.status().message
+    for imu, words in (('tool0', 'subtracting manual'), ('imu', 'in common (imu and tool0)')):
         part.force.frames = lambda imu=imu: FrameIds(imu, 'tool0')
         part.ask(START, CONSTANT)
         assert words in part.status().message
