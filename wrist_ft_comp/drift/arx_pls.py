@@ -215,18 +215,15 @@ class ArxPls:
             return state
         one_cell = np.tile(np.eye(lags, k=1), (rows, 1, 1))  # A, (R, L, L)
         one_cell[:, :, 0] -= denominators[:, 1:]
-        one_input = np.linalg.matrix_power(one_cell, cells)
-        gain = resting[..., np.newaxis] - one_input @ resting[..., np.newaxis]
-        for begin in range(0, len(x), _SKIPPED_AT_ONCE):
-            inputs = (x[begin : begin + _SKIPPED_AT_ONCE] - self.input_mean) * self.input_weight
-            # What is left of each input in the end, (R, L, inputs), of the last one last.
-            power, left = one_input, gain
-            while left.shape[2] < len(inputs):
-                left = np.concatenate((power @ left, left), axis=2)
-                power = power @ power
-            before = np.linalg.matrix_power(one_input, len(inputs)) @ state[..., np.newaxis]
-            added = left[..., -len(inputs) :] @ inputs  # (R, L, F)
-            state = before[..., 0] + np.einsum('rlf,fr->rl', added, self.rotations)
+        power = one_input = np.linalg.matrix_power(one_cell, cells)
+        # What is left of each input in the end, (R, L, inputs), of the last one last.
+        left = resting[..., np.newaxis] - one_input @ resting[..., np.newaxis]
+        while left.shape[2] < min(len(x), _SKIPPED_AT_ONCE):
+            left = np.concatenate((power @ left, left), axis=2)
+            power = power @ power
+        for t in np.split(self._scores(x), range(_SKIPPED_AT_ONCE, len(x), _SKIPPED_AT_ONCE)):
+            before = np.linalg.matrix_power(one_input, len(t)) @ state[..., np.newaxis]
+            state = before[..., 0] + np.einsum('rln,nr->rl', left[..., -len(t) :], t)
         return state
 
     def _scores(self, x: FloatArray) -> FloatArray:
