@@ -37,8 +37,8 @@ GRACE_S, NAMED_S = 60.0, 30.0
 #: Hours are quiet this long after the last event, s.
 QUIET_S = 3600.0
 #: For this long behind events that touch these, s, a status may say what a model remembers of
-#: them, by these words: four of its slowest time constants.
-REMEMBERED_S = 12000.0
+#: them, by these words: five of its slowest time constants, as after a jump of 50 K.
+REMEMBERED_S = 15000.0
 REMEMBERING = {'thermometer', 'clock', 'node'}
 REMEMBERED = 'thermal state|model remembers|until it came back'
 #: What is said, and true, of a tare that was taken in contact.

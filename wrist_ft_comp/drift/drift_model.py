@@ -14,6 +14,7 @@ Each axis has dynamic filters, features, and behind them the outer and the inner
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -122,7 +123,7 @@ class AxisModel:
     def _split(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Split a state into those of the filters and of the latents, (R, L) each."""
         shape = self._filter_bank.state_shape
-        size = int(np.prod(shape))
+        size = math.prod(shape)
         return state[:size].reshape(shape), state[size:].reshape(self.dynamics.state_shape)
 
     @property

@@ -79,9 +79,10 @@ class DriftTopic(Part):
             kept = np.linalg.norm(stream.tare[:3])
             tare = f'none; {kept:.2g} N are kept, so that the change of model made no step'
         numbers = {'published': str(counts.published), 'tare': tare}
-        columns: dict[str, Any] = {'drift': stream.compensation.zero, 'tare': stream.tare}
-        if stream.model is not None and stream.tracker.temperature_c is not None:
-            columns['drift_deviation'] = stream.model.uncertainty(stream.tracker.temperature_c)
+        columns: dict[str, Any] = {
+            'drift': stream.compensation.zero, 'tare': stream.tare,
+            'drift_deviation': stream.deviation,
+        }  # fmt: skip
         if (newest := counts.newest) is not None and comes:
             columns |= {'raw': newest[1], 'compensated': stream.correct(*newest[:2])}
         for name, values in columns.items():

@@ -178,7 +178,7 @@ class WrenchInput(Part):
         counts, sensor, stream = self._counts, self.sensor, self._compensator
         topic = self.hub.resolve_topic_name('wrench_raw')
         if stream.model is not None and stream.tracker.temperature_c is not None:
-            self._deviation = stream.model.uncertainty(stream.tracker.temperature_c)
+            self._deviation = stream.deviation
         ends = self.note_drivers()
         grown, elapsed_s = self._growth.since(
             wrenches=counts.wrenches, dropped=counts.dropped, back=self.stamps.ran_back,

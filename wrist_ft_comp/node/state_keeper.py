@@ -74,6 +74,7 @@ class StateKeeper(Part):
             self.compensator.restore_tare(
                 state.tare, state.external_tare, tared=state.tared, before_drift=memory is None
             )
+            self.compensator.tare_deviation = state.tare_deviation
             self.hub.log.info('the tare from before the restart is active')
             self.counts.drivers = set(state.drivers)
         for doubt in state.zero_doubts:
@@ -120,7 +121,7 @@ class StateKeeper(Part):
         state = SavedState(
             saved_ns, self.live.sha256, stream.tare, stream.memory(), stream.external_tare,
             stream.tared, tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers)),
-            self.counts.payload,
+            self.counts.payload, stream.tare_deviation,
         )  # fmt: skip
         self.writer.put(self.path.name, partial(self._write, state), then)
 

@@ -51,6 +51,8 @@ class SavedState:
     drivers: tuple[str, ...] = ()
     #: The payload that was chosen at run time, in words.
     payload: str = ''
+    #: How far models that were live before may have left the tare off, as the tare.
+    tare_deviation: FloatArray = field(default_factory=lambda: np.zeros(len(AXES)))
 
 
 def save_state(path: Path, state: SavedState) -> None:
@@ -67,7 +69,8 @@ def load_state(path: Path) -> SavedState | None:
     state = KIND.load(SavedState, path)
     if state is None:
         return None
-    wrenches, memory, problem = [state.tare, state.external_tare], state.thermal, ''
+    memory, problem = state.thermal, ''
+    wrenches = [state.tare, state.external_tare, state.tare_deviation]
     if memory is not None:
         wrenches += memory.compensation
         if memory.uncertainty is not None:

@@ -71,6 +71,8 @@ class Compensator:
         self.external_tare: FloatArray = np.zeros(len(AXES))
         #: Whether somebody tared; else a tare is what keeps the output at a change of model.
         self.tared = False
+        #: How far models that were live before may have left it off, as ``deviation``.
+        self.tare_deviation: FloatArray = np.zeros(len(AXES))
         #: Those of ``zero_doubts`` that nothing but a tare ends.
         self.lasting_doubts: list[str] = []
         #: What is subtracted at the end of the present ramp, which lasts one cell: the drift of
@@ -101,6 +103,13 @@ class Compensator:
     def compensating(self) -> bool:
         """Whether there is a model and its thermal state has started."""
         return self.tracker.state is not None
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviation of the drift that is left in the output, N and N m, (6,), or NaN."""
+        if self.model is None or self.tracker.temperature_c is None:
+            return np.full(len(AXES), np.nan)
+        return np.hypot(self.model.uncertainty(self.tracker.temperature_c), self.tare_deviation)
 
     @property
     def zero_doubts(self) -> list[str]:
@@ -222,6 +231,7 @@ class Compensator:
             if self._lags(self.compensation_at(keep_output_of[0])):
                 self.doubt_zero('the drift lagged behind when the model was changed; call ~/tare')
             if self.tared and self.model and model:
+                self.tare_deviation = np.nan_to_num(self.deviation)
                 known = {*self.model.axes, *self.model.deviation}
                 if new := [axis for axis in model.axes if axis not in known]:
                     self.doubt_zero(
@@ -256,7 +266,7 @@ class Compensator:
         self.tare = np.nan_to_num(raw - drift.zero)  # axes that the sensor has not
         carried = np.zeros(len(AXES)) if weight is None else weight
         self.external_tare = self.tare - (1.0 + drift.sensitivity) * carried
-        self.tared, self._tared_ns = True, stamp_ns
+        self.tared, self._tared_ns, self.tare_deviation = True, stamp_ns, np.zeros(len(AXES))
         self._forget_doubts(but=exchanged_by_jumps(self.tracker.spikes))
         # A drift that is held, as no temperature comes, is none to tare with.
         held_ns = stamp_ns - self.tracker.end_ns
@@ -302,7 +312,7 @@ class Compensator:
         begins.
         """
         self.tare, self.external_tare = tare, external
-        self.tared = tared
+        self.tared, self.tare_deviation = tared, np.zeros(len(AXES))
         if before_drift:
             self._waits_since_ns = -math.inf
         self._refresh_correction()

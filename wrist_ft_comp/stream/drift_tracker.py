@@ -161,58 +161,24 @@ class DriftTracker:
             after = cell.number * self.grid.period_ns, cell.temperature_c
             exchanged_thermometers.note_exchange(self.spikes, (self.end_ns, self.reading_c), after)
 
-        # Which thermometers are believed; the others are predicted.
-        heard, believed_c, model = cell.measured, cell.temperature_c, self.model
-        agreed_k: FloatArray = np.zeros(self._count)
-        missed_k, missed = agreed_k, 0
-        prediction = None if model is None else model.prediction
-        if model is not None and prediction is not None:
-            state = self.thermometers
-            if state is None or self._next is None:
-                state = failed_thermometers.start(prediction, believed_c, state)
-            self.thermometers = failed_thermometers.step(
-                prediction, state, believed_c, heard, period_s, gap * period_s, model.stands_s
-            )
-            self._exchanged = exchanged_thermometers.exchanged(
-                prediction, self.thermometers, self._exchanged
-            )
-            believed_c = self.thermometers.believed_c
-            replaced = self.thermometers.replaced.tolist()
-            for spikes, is_replaced in zip(self.spikes, replaced, strict=True):
-                spikes.replace(self.end_ns, is_replaced=is_replaced)
-            believed_again = state.replaced & ~self.thermometers.replaced
-            agreed_k = np.where(believed_again, prediction.agree_k, 0.0)
-            # The last value of one that was silent, or seemed frozen, was held, while it moved.
-            held_s = np.where(state.suspicious(prediction, 0.5), state.still_s, state.silent_s)
-            silent_s = np.where(heard & ~state.replaced, held_s, 0.0)
-            is_back = silent_s > max(_SILENT_S, usual_s)
-            missed_k = np.where(is_back, cell.temperature_c - state.reading_c, 0.0)
-            missed = round(float(silent_s.max()) / period_s)
-        exchanged_thermometers.end_exchange(
-            self.spikes, prediction, self.thermometers, self.end_ns
-        )
+        before_c = self.temperature_c
+        believed_c, off = self._believe(cell, gap * period_s, usual_s, history_c)
 
         # Run the model through the gap, on a straight line, and through the cell.
         line_c = believed_c[np.newaxis]
-        if gap and self.temperature_c is not None:
-            line_c = np.linspace(self.temperature_c, believed_c, gap + 2)[1:].astype(float)
+        if gap and before_c is not None:
+            line_c = np.linspace(before_c, believed_c, gap + 2)[1:].astype(float)
         missing = is_long & (np.arange(len(line_c)) < len(line_c) - 1)
         most = max(round(gaps_and_restarts.MOST_GAP_S / period_s), 1)
         self.history_c = np.concatenate((self.history_c, line_c))[-most:]
         self._missing = np.concatenate((self._missing, missing))[-most:]
-        self.temperature_c, self.reading_c = believed_c, cell.temperature_c
         self._next = cell.number + 1
         self.end_ns = self._next * self.grid.period_ns
-        if model is None:
+        if (model := self.model) is None:
             return
         self._run(model, line_c)
 
-        # The model remembers what was predicted of a thermometer, what one missed, and what nobody
-        # knows of a gap.
-        off = self.effect(agreed_k) if agreed_k.any() else np.zeros(len(AXES))
-        if missed_k.any() and len(history_c):
-            held_c = history_c[-missed:]
-            off = off + drift_uncertainty.doubt_held(model, held_c, missed_k, believed_c)
+        # The model remembers what nobody knows of a gap, and of the time before the start.
         # After longer gaps than it remembers, such as nights, a sensor as cold as a room soaked.
         if gap_s > self.memory_s:
             is_doubtful = bool((believed_c > drift_uncertainty.warmest_room_c(model)).any())
@@ -222,20 +188,51 @@ class DriftTracker:
             )
             off = off + np.abs(bounds - self.drift.zero).max(axis=0)
         off = off + self._off_at_start(model, len(self.history_c) - len(line_c))
-        edges = np.flatnonzero(np.diff(self._missing, prepend=False, append=False))
-        if len(edges):
-            begin, end = edges[-2:].tolist()
-            since = len(self.history_c) - end
-            if since - len(line_c) < span_cells(model) <= since:
-                # Bound the drift where temperatures move otherwise after the gap than in it.
-                slope_k = self.history_c[end] - self.history_c[end - 1]
-                off = off + drift_uncertainty.doubt_start(
-                    model, self.history_c[end:],
-                    min((end - begin) * period_s, self.memory_s), slope_k)  # fmt: skip
+        off = off + self._off_behind_gap(model, len(line_c))
         if off.any():
             if self.uncertainty is not None:
                 off = off + self.uncertainty.left(self.end_ns, self.memory_s)
             self.uncertainty = Uncertainty(self.end_ns, off)
+
+    def _believe(
+        self, cell: ThermalCell, gap_s: float, usual_s: float, history_c: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """
+        Decide which thermometers are believed in a cell; the others are predicted.
+
+        Gives the temperatures, °C, (J,), and how far the model's memory of what was predicted, and
+        of what thermometers missed that were silent, puts the drift off, N and N m, (6,).
+        """
+        model, believed_c = self.model, cell.temperature_c
+        prediction = None if model is None else model.prediction
+        off: FloatArray = np.zeros(len(AXES))
+        if model is not None and prediction is not None:
+            state, period_s = self.thermometers, model.period_ns / NANOSECONDS
+            if state is None or self._next is None:
+                state = failed_thermometers.start(prediction, believed_c, state)
+            now = self.thermometers = failed_thermometers.step(
+                prediction, state, believed_c, cell.measured, period_s, gap_s, model.stands_s
+            )
+            self._exchanged = exchanged_thermometers.exchanged(prediction, now, self._exchanged)
+            believed_c = self.temperature_c = now.believed_c
+            for spikes, is_replaced in zip(self.spikes, now.replaced.tolist(), strict=True):
+                spikes.replace(self.end_ns, is_replaced=is_replaced)
+            if (believed_again := state.replaced & ~now.replaced).any():
+                agreed_k = np.where(believed_again, prediction.agree_k, 0.0)
+                off = off + self.effect(agreed_k)
+            # The last value of one that was silent, or seemed frozen, was held, while it moved.
+            held_s = np.where(state.suspicious(prediction, 0.5), state.still_s, state.silent_s)
+            silent_s = np.where(cell.measured & ~state.replaced, held_s, 0.0)
+            is_back = silent_s > max(_SILENT_S, usual_s)
+            missed_k = np.where(is_back, cell.temperature_c - state.reading_c, 0.0)
+            if missed_k.any() and len(history_c):
+                held_c = history_c[-round(float(silent_s.max()) / period_s) :]
+                off = off + drift_uncertainty.doubt_held(model, held_c, missed_k, believed_c)
+        exchanged_thermometers.end_exchange(
+            self.spikes, prediction, self.thermometers, self.end_ns
+        )
+        self.temperature_c, self.reading_c = believed_c, cell.temperature_c
+        return believed_c, off
 
     def _off_at_start(self, model: DriftModel, cells_before: int) -> FloatArray:
         """Bound what the start left wrong of the drift, once SPAN_S has come; else 0, (6,)."""
@@ -243,6 +240,20 @@ class DriftTracker:
             return np.zeros(len(AXES))
         known_k = None if self.uncertainty is None else np.zeros(self._count)
         return drift_uncertainty.doubt_start(model, self.history_c, self.memory_s, known_k)
+
+    def _off_behind_gap(self, model: DriftModel, cells: int) -> FloatArray:
+        """Bound the drift where temperatures move otherwise after a gap than in it; else 0."""
+        edges = np.flatnonzero(np.diff(self._missing, prepend=False, append=False))
+        if not len(edges):
+            return np.zeros(len(AXES))
+        begin, end = edges[-2:].tolist()
+        since = len(self.history_c) - end
+        if not since - cells < span_cells(model) <= since:
+            return np.zeros(len(AXES))
+        slope_k = self.history_c[end] - self.history_c[end - 1]
+        gap_s = (end - begin) * model.period_ns / NANOSECONDS
+        behind_c = self.history_c[end:]
+        return drift_uncertainty.doubt_start(model, behind_c, min(gap_s, self.memory_s), slope_k)
 
     def _stood_still(self, cell: ThermalCell, gap_s: float) -> str:
         """Say that clocks stood still in a gap: all temperatures moved farther than they can."""

@@ -59,6 +59,27 @@ def test_a_model_before_the_first_wrench_moves_a_tare_from_before_a_restart(abc)
     assert stream.tare[0] + stream.compensation.zero[0] == pytest.approx(unloaded)
 
 
+def test_what_a_model_left_wrong_in_the_tare_is_stated_until_the_next_tare(abc):
+    def deviation():
+        return node.diagnosis('output').values['force_x_drift_deviation']
+
+    node = abc()
+    choose(node, 'a')
+    node.warm_up(30.0)
+    stream = node.node.compensator
+    choose(node, 'b')
+    assert deviation() == '0.1 N'  # a zero that nobody tared
+    stream.set_tare(np.ones(6), stream.tracker.end_ns)
+    choose(node, 'c')
+    assert deviation() == '0.1414 N'
+    node = abc()
+    node.warm_up(30.0)
+    assert deviation() == '0.1414 N'
+    stream = node.node.compensator
+    stream.set_tare(np.ones(6), stream.tracker.end_ns)
+    assert deviation() == '0.1 N'
+
+
 @pytest.mark.parametrize(
     ('name', 'words'),
     [
