@@ -210,6 +210,17 @@ def moved(robot: Robot) -> Iterator[float]:
         robot.imu = ''
 
 
+def other_model(robot: Robot) -> Iterator[float]:
+    """Run the model of a single morning, perhaps tare, and go back to the good one."""
+    robot.choose(robot.models[1])
+    yield robot.between(20, 7200)
+    if robot.rng.integers(2):
+        yield from robot.tare()
+        yield robot.between(20, 3600)
+    robot.choose(robot.models[0])
+    yield 1.0
+
+
 class Event(NamedTuple):
     """What happens, what it needs for itself, and words; a status that is not OK must say one."""
 
@@ -279,6 +290,7 @@ def _events() -> Iterator[tuple[str, Event]]:
     yield 'node killed and clock set', Event('node', f'clock|{words}', script)
     script = partial(restart, biased=True)
     yield 'node killed and driver biased', Event('node driver', f'{again}|tare', script)
+    yield 'model changed', Event('node driver', f'model|{words}', other_model)
     yield 'disk full', Event('node driver', f'written|room|tare|{words}', full_disk)
 
 

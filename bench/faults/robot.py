@@ -12,6 +12,7 @@ import errno
 import math
 import os
 from pathlib import Path
+import shutil
 import struct
 import sys
 from types import ModuleType, SimpleNamespace
@@ -90,14 +91,14 @@ def warm(
     return celsius, ft_sensor.measured_wrench(sensor, nodes_c, np.zeros(len(AXES)))
 
 
-def learn(folder: Path, thermometers: int) -> Path:
-    """Learn a model from three mornings, unless there is one."""
-    path = folder / f'{thermometers}.yaml'
+def learn(folder: Path, thermometers: int, mornings: int = 3) -> Path:
+    """Learn a model from some mornings, unless there is one."""
+    path = folder / f'{thermometers}_{mornings}.yaml'
     if path.exists():
         return path
     names = {'frame_id': ['tool0'], 'wrench_topic': ['/wrench_raw']}
     runs = []
-    for morning in range(3):
+    for morning in range(mornings):
         rng = np.random.default_rng(morning)
         celsius, drift = warm(6 * 3600, thermometers, rng, 1.0)
         wrench = drift + rng.normal(0, 1, drift.shape) * NOISE
@@ -131,7 +132,12 @@ class Robot:
         self.seed, self.rng, self._context = seed, np.random.default_rng(seed), context
         self.thermometers = int(self.rng.integers(1, len(PLACES) + 1))
         self.gravity = str(self.rng.choice(['none', 'imu', 'imu', 'tf']))
-        self._model, self._folder = learn(models, self.thermometers), folder / str(seed)
+        self._folder = folder / str(seed)
+        #: A good one, and one of a single morning.
+        learnt = [learn(models, self.thermometers, mornings) for mornings in (3, 1)]
+        own = self._folder / 'models'
+        own.mkdir(parents=True)
+        self.models = [Path(shutil.copy(model, own)) for model in learnt]
         self._celsius, self._drift = warm(LIFE_S + 7200, self.thermometers, self.rng)
         self.thermometer, self.lies = [''] * self.thermometers, list(range(self.thermometers))
         self._frozen_c = self._celsius[0].tolist()
@@ -154,7 +160,7 @@ class Robot:
     def start(self) -> None:
         """Start the node."""
         given = {
-            'data_directory': str(self._folder), 'model_file': str(self._model),
+            'data_directory': str(self._folder), 'model_file': str(self.models[0]),
             'temperature_topics': [f'temperature_{j}' for j in range(self.thermometers)],
             'gravity.source': self.gravity, 'gravity.frame': 'base000',
         }  # fmt: skip
@@ -243,6 +249,13 @@ class Robot:
         if self.node and self.gravity != 'none':
             result = self.node.set_parameters_atomically(parameters_of(values))
             self.named = payload if result.successful else None
+
+    def choose(self, model: Path) -> None:
+        """Let the node run another model."""
+        if self.node is not None:
+            (result,) = self.node.set_parameters(parameters_of({'model_file': str(model)}))
+            if not result.successful:
+                raise WristFtCompError(result.reason)
 
     def tare(self) -> Iterator[float]:
         """Hold the robot still, when what it holds is named, and tare."""
