@@ -46,6 +46,22 @@ def test_a_jump_in_a_short_silence_is_believed_and_told(after_s, by_k, stays):
     assert one_by_one.stayed_k == at_once.stayed_k == stays
 
 
+@pytest.mark.parametrize(('resolution_k', 'noise_k', 'by_k', 'is_told'), [
+    (0.01, 0.02, 0.8, True), (0.01, 0.02, 0.3, False), (0.01, 0.3, 0.8, False),
+    (1.0, 0.02, 1.0, False), (1.0, 0.3, 1.0, False),
+])  # fmt: skip
+def test_a_jump_is_one_where_a_thermometer_does_not_usually_step_as_far(
+    resolution_k, noise_k, by_k, is_told
+):
+    noise = np.random.default_rng(1).normal(0, noise_k, 1800)
+    read_c = 25.0 + 4.0 * np.sin(np.arange(1800) / 900) + noise
+    read_c[900:] += by_k
+    read_c = resolution_k * np.round(read_c / resolution_k)
+    assert (counted(read_c.tolist())[1].stayed_k != 0.0) == is_told
+    read_c[1500:] -= by_k
+    assert counted(read_c.tolist())[1].stayed_k == 0.0
+
+
 def test_a_jump_is_told_until_it_comes_back_or_a_tare():
     """However little the model remembers; the sentence is one of the zero's doubts."""
     compensator, at = Compensator(1), 0

@@ -20,6 +20,9 @@ from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 JUMP_K = 2.0
 #: ... plus this for every second between them, K/s.
 _JUMP_K_S = 0.2
+#: What is believed jumps from this on, K, where a thermometer does not usually step as far: by
+#: more than so many times what it did in some hundred readings that differed from each other.
+_LEAST_JUMP_K, _USUAL_STEPS, _FORGET = 0.5, 3.0, 0.99
 #: Wrists warm and cool by no more than this, K/s, unless they were seen to.
 FASTEST_K_S = 0.02
 #: A start takes the body as soaked at the temperatures after this time, s, because a first reading
@@ -73,6 +76,8 @@ class SpikeFilter:
         #: How often the first readings were the wrong ones.
         self.wrong_starts = 0
         self.jump = Jump()
+        #: How far it steps from reading to reading, where it does, K: noise, or its resolution.
+        self._usual_k = JUMP_K
         #: Since the start, and those that were left out since the last one that was believed.
         self._believed: _Run | None = None
         self._other: _Run | None = None
@@ -82,7 +87,7 @@ class SpikeFilter:
     @property
     def stayed_k(self) -> float:
         """How far it has jumped and stayed since the last tare, K; 0 where it came back."""
-        return self.jump.by_k if abs(self.jump.by_k) > JUMP_K else 0.0
+        return self.jump.by_k
 
     def remembered_s(self, now_ns: int, memory_s: float) -> float:
         """For how long a model remembers what it read before it jumped, s; 0 if not."""
@@ -123,7 +128,7 @@ class SpikeFilter:
             self._believed, self._other = _Run(believed.begin_ns, sample, believed.count + 1), None
             if other is not None and agrees:  # over a gap, both may have cooled
                 self.note_jump(stamp_ns, other.last[1] - believed_c)
-            elif _apart(believed.last, sample, FASTEST_K_S):  # believed, but no wrist does so
+            elif self._jumps(believed.last, sample):  # believed, but no wrist does so
                 self.note_jump(stamp_ns, temperature_c - believed_c)
             return True
         begin_ns = other.begin_ns if other is not None and agrees else stamp_ns
@@ -144,10 +149,23 @@ class SpikeFilter:
             self.note_jump(stamp_ns, temperature_c - believed_c)
         return True
 
+    def _jumps(self, before: Reading, sample: Reading) -> bool:
+        """Whether a thermometer moved farther than it usually does, and than a wrist warms."""
+        step_k, elapsed_s = abs(sample[1] - before[1]), (sample[0] - before[0]) / NANOSECONDS
+        limit_k = min(max(_USUAL_STEPS * self._usual_k, _LEAST_JUMP_K), JUMP_K)
+        if step_k > limit_k + FASTEST_K_S * abs(elapsed_s):
+            return True
+        if step_k:
+            self._usual_k = max(step_k, _FORGET * self._usual_k)
+        return False
+
     def note_jump(self, stamp_ns: int, by_k: float) -> None:
         """Take a jump to a temperature that is believed, unless a prediction is used instead."""
-        if not self._is_replaced:
-            self.jump = Jump(self.jump.by_k + by_k, stamp_ns, off_k=self.stayed_k)
+        if self._is_replaced:
+            return
+        off_k, sum_k = self.stayed_k, self.stayed_k + by_k
+        came_back = off_k * by_k < 0 and abs(sum_k) < JUMP_K  # it may have warmed meanwhile
+        self.jump = Jump(0.0 if came_back else sum_k, stamp_ns, off_k)
 
     def end_jump(self, now_ns: int) -> None:
         """Take that a jump that stayed has ended."""
