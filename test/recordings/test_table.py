@@ -123,6 +123,13 @@ FORMS = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize('header', ['t,T,Fz', 't,Fz,Tz,T'])
+def test_a_log_that_goes_on_with_other_columns_is_refused(make_csv, header):
+    path = make_csv(f'{lines()}{header}\n7,20.0,1.0\n')
+    with pytest.raises(RecordingError, match='Line 8 of run.csv names other columns, or in anot'):
+        all_samples(path, SAID)
+
+
 @pytest.mark.parametrize('form', FORMS)
 @pytest.mark.parametrize('block', [40, table_file.BLOCK])
 def test_every_form_of_a_table_holds_the_same(make_csv, monkeypatch, form, block):

@@ -221,9 +221,14 @@ class Table:
         try:
             for row in reader:
                 found = [cell.strip() for cell in row]
-                if not self.header.is_sample(found):
-                    continue
                 line, count = number + reader.line_num - 1, len(found)
+                if not self.header.is_sample(found):
+                    if self.header.is_other(found):
+                        raise RecordingError(
+                            f'Line {line} of {self.name} names other columns, or in another '
+                            'order: another log begins there. Cut it there, and name both files.'
+                        )
+                    continue
                 if not width <= count <= len(self.header.names) and any(found[width:] or ['x']):
                     raise RecordingError(
                         f'Line {line} of {self.name} has {count} cells; the others have {width}. '

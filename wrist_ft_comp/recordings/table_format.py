@@ -133,6 +133,11 @@ class Header:
         is_told = first.lower().rstrip(':') in _STATISTICS
         return bool(first) and not is_told and first not in self.words_above
 
+    def is_other(self, row: Sequence[str]) -> bool:
+        """Whether a row is a header, but not this one that is repeated."""
+        words, names = [*filter(None, row)], [*filter(None, self.names)]
+        return words[:1] == names[:1] and words != names
+
     def title(self, place: int) -> str:
         """Give all that is said of a column: its name, if it has one, and what is told."""
         name, told = self.names[place], self.told.get(place, '')
