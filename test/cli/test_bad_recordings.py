@@ -124,11 +124,8 @@ REFUSED = {
         r'moves by up to 3.* for 9 % of the time, although the load was declared unl', ALL),
     'every axis dead': (
         both(put('force_z', 0.0), put('force_x', 0.0)), 'keeps one value throughout', ALL),
-    'an axis frozen for minutes': (
-        frozen(400, 599), r'force_z of .* freezes at 1\S+ N: (200|199) s .*up to 5 % can', ALL),
-    'an axis at its end for a minute': (
-        put('force_z', lambda v: np.minimum(v, 16.0)),
-        r'force_z of .* saturates at 16 N: .* without any change.*up to 5 %', ALL),
+    'every axis dead, or frozen for minutes': (
+        both(frozen(400, 599), without('force_x')), 'freezes at .*up to 5 % can', ALL),
 }  # fmt: skip
 #: … and these give a model, with a warning.
 WARNED = {
@@ -150,6 +147,10 @@ WARNED = {
         put('stamp_s', lambda v: 1020 * (v - EPOCH_S)), r'lasts 7.1 days', COLUMNS),
     'a wrench without a stamp': (None, '1 of 600 samples have no stamp', BAGS),
     'a dead axis': (put('force_y', 0.1), 'force_y reads 0.1 N throughout: the channel is', ALL),
+    'an axis frozen for minutes': (
+        frozen(400, 599), r'force_z of .* freezes at 1\S+ N: (200|199) s .* not learnt from', ALL),
+    'an axis at its end for a minute': (
+        put('force_z', lambda v: np.minimum(v, 16.0)), 'force_z is left uncompensated', ALL),
     'an axis frozen for seconds': (
         frozen(200, 229), r'force_z of .* freezes at \S+ N: 30 s', ALL),
     'a thermometer that stands still': (

@@ -9,6 +9,7 @@ import pytest
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.outliers_and_steps import segment
+from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.report.evaluation import evaluate
 
 CELLS = 3600
@@ -107,6 +108,26 @@ def test_after_a_long_pause_a_new_segment_begins_if_the_driver_was_tared_in_it(d
     calibration = calibrate(days)
     said = 'after a long pause' in '\n'.join(calibration.warnings)
     assert said == bool(zeroed_n)
+    assert calibration.fits['force_z'].rms_after < 2 * NOISE
+    assert evaluate(calibration.model, [day(3)])['force_z'].rms_after < 2 * NOISE
+
+
+@pytest.mark.parametrize(('begin', 'end'), [(90, 200), (20, 400), (CELLS - 300, CELLS - 60)])
+@pytest.mark.parametrize('size', [0.0, 7.0])
+def test_a_driver_that_is_started_again_at_the_start_or_end_spoils_no_day(day, begin, end, size):
+    made = day(add=stepped((end, size)))
+    made.wrench[begin:end] = np.nan
+    ((found,), _) = segment([made], 'unloaded')
+    assert found.steps == ((end,) if size else ())
+
+
+def test_where_the_load_is_recorded_a_tare_of_the_driver_is_found_beside_it(day):
+    days = [day(1, stepped((1500, 4.0))), day(2)]
+    for number, recording in enumerate(days):
+        recording.reference[:] = 20 * np.sin(np.arange(CELLS) / 300 + number)[:, np.newaxis]
+        recording.wrench[:] += recording.reference
+    calibration = calibrate(days, CalibrationSettings('recorded'))
+    assert 'day1.csv steps at 0:25:' in '\n'.join(calibration.warnings)
     assert calibration.fits['force_z'].rms_after < 2 * NOISE
     assert evaluate(calibration.model, [day(3)])['force_z'].rms_after < 2 * NOISE
 

@@ -18,7 +18,7 @@ from wrist_ft_comp.fit import data_checks as checks
 from wrist_ft_comp.fit.auto_method import identify_auto
 from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data, MIN_SAMPLES
 from wrist_ft_comp.fit.folds import assign_folds
-from wrist_ft_comp.fit.outliers_and_steps import begin_after_pauses, MOVING, segment
+from wrist_ft_comp.fit.outliers_and_steps import begin_where_tared, MOVING, segment
 from wrist_ft_comp.fit.paper_methods import identify_paper_method
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
@@ -61,8 +61,8 @@ def calibrate(
             recordings, lambda drift: _learn(drift, axes, folds, settings, lambda _: None)[1]
         )
     fits, model, said = _learn(work.drift if work else recordings, axes, folds, settings, progress)
-    # A driver may have been tared in a long pause: where that halves the share left, it was.
-    tared, begun = begin_after_pauses(recordings, reference)
+    # Where the driver may have been tared, it was if that halves the share left.
+    tared, begun = begin_where_tared(recordings, reference)
     if begun:
         with suppress(WristFtCompError):  # segments may be too short for an ARX
             again = _learn(tared, axes, folds, settings, lambda _: None)

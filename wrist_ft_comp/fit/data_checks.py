@@ -62,11 +62,11 @@ def check_recordings(
             )
     names = ', '.join(recording.name for recording in recordings)
     everything = np.concatenate([recording.temperature_c for recording in recordings])
-    span_k = float(np.ptp(everything, axis=0).max())
+    span_k = max(float(np.ptp(r.temperature_c, axis=0).max()) for r in recordings)
     if span_k < min_span_k:
         raise CalibrationRefusedError(
-            f'Temperature in {names} spans {span_k:.1f} K; at least '
-            f'{min_span_k:.1f} K are needed. Record a warm-up from cold.'
+            f'Temperature in {names} spans {span_k:.1f} K at most within a recording, whose zero '
+            f'is its own; at least {min_span_k:.1f} K are needed. Record a warm-up from cold.'
         )
     if not any(recording.axes_present for recording in recordings):
         raise CalibrationRefusedError(
@@ -106,10 +106,9 @@ def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
     Make cells in which a raw wrench is stuck NaN, and say so.
 
     An axis that is stuck throughout is left out: nothing is known of its drift. One that is stuck
-    for long is left out of its recording. CalibrationRefusedError where no other recording has it,
-    and where no axis ever changes.
+    for long is left out of its recording. CalibrationRefusedError where no axis is left.
     """
-    sound, sentences, measures = list(recordings), list[str](), False
+    sound, sentences, stuck = list(recordings), list[str](), list[str]()
     for column, axis in enumerate(AXES):
         series = [recording.wrench[:, column] for recording in recordings]
         finite = [values[np.isfinite(values)] for values in series]
@@ -122,7 +121,6 @@ def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
                 )
                 sound = [_without(recording, column, slice(None)) for recording in sound]
             continue
-        measures = True
         lost = list[str]()
         for i, (recording, cells) in enumerate(zip(recordings, _find_stuck(series), strict=True)):
             if not cells.any():
@@ -143,11 +141,14 @@ def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
             sentences.append(f'{what}; {left_out}.')
             sound[i] = _without(sound[i], column, slice(None) if what in lost else cells)
         if lost and not any(axis in recording.axes_present for recording in sound):
-            raise CalibrationRefusedError(
-                f'{lost[0]}; up to {100 * MOST_LEFT_OUT:.0f} % can be left out. Check the range '
-                'and the driver of the sensor, and record again.'
-            )
-    if not measures:
+            stuck += lost
+            sentences.append(f'{axis} is left uncompensated: no other recording has it.')
+    if stuck and not any(recording.axes_present for recording in sound):
+        raise CalibrationRefusedError(
+            f'{stuck[0]}; up to {100 * MOST_LEFT_OUT:.0f} % can be left out. Check the range '
+            'and the driver of the sensor, and record again.'
+        )
+    if not any(recording.axes_present for recording in sound):
         names = ', '.join(recording.name for recording in recordings)
         raise CalibrationRefusedError(
             f'Every axis of {names} keeps one value throughout, so the sensor does not measure. '
