@@ -71,10 +71,11 @@ def write(form, folder, seed=0):
         from openpyxl import Workbook  # noqa: PLC0415 -- rarely there
 
         book = Workbook()
-        for line in lines:
-            cells = line.split(',')
-            numbers = cells if line is lines[0] else [cells[0], *map(float, cells[1:])]
-            book.active.append(numbers)
+        # A long log goes on in another sheet.
+        head, *rows = (line.split(',') for line in lines)
+        for sheet, part in ((book.active, rows[:900]), (book.create_sheet('2'), rows[900:])):
+            for cells in (head, *part):
+                sheet.append(cells if cells is head else [cells[0], *map(float, cells[1:])])
         book.save(path)
     else:
         path.write_bytes(('\n'.join(lines) + '\n').encode(form.get('encoding', 'utf-8')))

@@ -126,7 +126,7 @@ FORMS = {
 @pytest.mark.parametrize('header', ['t,T,Fz', 't,Fz,Tz,T'])
 def test_a_log_that_goes_on_with_other_columns_is_refused(make_csv, header):
     path = make_csv(f'{lines()}{header}\n7,20.0,1.0\n')
-    with pytest.raises(RecordingError, match='Line 8 of run.csv names other columns, or in anot'):
+    with pytest.raises(RecordingError, match=r'Line 8 of run\.csv names other columns, or'):
         all_samples(path, SAID)
 
 

@@ -388,7 +388,10 @@ def _by_library(path: Path, library: str) -> Iterator[str]:
     try:
         if library == 'openpyxl':
             sheets = pandas.read_excel(path, None, header=None, dtype=object, engine=library)
-            frame = max(sheets.values(), key=len)
+            longest = max(sheets.values(), key=len)
+            # A log may go on in another sheet, below the same header.
+            alike = [sheet for sheet in sheets.values() if sheet[:1].equals(longest[:1])]
+            frame = pandas.concat(alike)
         else:
             frame = pandas.read_parquet(path, library)
             if any(frame.index.names):  # most often the time
