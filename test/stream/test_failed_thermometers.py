@@ -241,6 +241,15 @@ def test_two_that_are_exchanged_are_named_until_that_is_mended(learn, make_day):
         assert sum(of_file.values()) == pytest.approx(10 * len(said) / CELLS, abs=0.03)
 
 
+def test_a_day_of_several_on_which_two_were_exchanged_is_named_by_the_others(make_day):
+    days = [make_day(seed) for seed in (1, 2, 3, 4)]
+    settings = CalibrationSettings(identification=METHOD)
+    assert not any('exchanged' in said for said in calibrate(days, settings).warnings)
+    days[1] = replace(days[1], temperature_c=days[1].temperature_c[:, [1, 0, 2]], name='odd.csv')
+    (named,) = (said for said in calibrate(days, settings).warnings if 'exchanged' in said)
+    assert named.startswith('In odd.csv, thermometers 1 and 2 read what is expected of each')
+
+
 def test_two_that_are_put_back_while_they_read_the_same_are_exchanged_no_more(learn, make_day):
     model, day, begin = learn(3).model, make_day(11), 520
     back = begin + int(np.argmin(np.abs(np.diff(day.temperature_c[begin:700, :2])[:, 0])))

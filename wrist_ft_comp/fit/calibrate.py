@@ -26,6 +26,7 @@ from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import IntArray, Progress, rounded
+from wrist_ft_comp.stream.drift_of_recordings import exchange_doubts
 from wrist_ft_comp.stream.failed_thermometers import stands_s
 
 
@@ -75,6 +76,13 @@ def calibrate(
     if apart := differences(sensors):
         warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
     warnings += [*dropped, *stepped, *said, *doubts]
+    # Each day is asked by the others, of which two agree, whether its thermometers are exchanged.
+    for i, recording in enumerate(recordings if len(recordings) > 2 and model.prediction else ()):
+        others = [*recordings[:i], *recordings[i + 1 :]]
+        judge = replace(model, prediction=predict_each_other(others, assign_folds(others)))
+        warnings += [
+            f'In {recording.name}, {doubt}.' for doubt in exchange_doubts(judge, recording)
+        ]
     warnings += work.warnings if work else ()
     unexplained = [
         f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
