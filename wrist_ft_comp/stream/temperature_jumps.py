@@ -23,6 +23,8 @@ _JUMP_K_S = 0.2
 #: What is believed jumps from this on, K, where a thermometer does not usually step as far: by
 #: more than so many times what it did in some hundred readings that differed from each other.
 _LEAST_JUMP_K, _USUAL_STEPS, _FORGET = 0.5, 3.0, 0.99
+#: A smaller jump than JUMP_K, after which it comes back within this time, moves no drift, s.
+_BRIEF_S = 60.0
 #: Wrists warm and cool by no more than this, K/s, unless they were seen to.
 FASTEST_K_S = 0.02
 #: A start takes the body as soaked at the temperatures after this time, s, because a first reading
@@ -165,7 +167,11 @@ class SpikeFilter:
             return
         off_k, sum_k = self.stayed_k, self.stayed_k + by_k
         came_back = off_k * by_k < 0 and abs(sum_k) < JUMP_K  # it may have warmed meanwhile
-        self.jump = Jump(0.0 if came_back else sum_k, stamp_ns, off_k)
+        lasted_s = (stamp_ns - (self.jump.at_ns or 0)) / NANOSECONDS
+        if came_back and lasted_s < _BRIEF_S and abs(off_k) < JUMP_K:
+            self.jump = Jump()
+        else:
+            self.jump = Jump(0.0 if came_back else sum_k, stamp_ns, off_k)
 
     def end_jump(self, now_ns: int) -> None:
         """Take that a jump that stayed has ended."""
