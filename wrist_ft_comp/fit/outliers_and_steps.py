@@ -77,23 +77,36 @@ def begin_where_tared(recordings: Sequence[Recording], reference: Reference) -> 
     """
     Begin a segment wherever a driver may have been tared, though heat may do the same; say where.
 
-    That is after each long pause, and where what was read beside a recorded reference steps.
+    That is after each long pause, each pause in the first or last two minutes, and where what was
+    read beside a recorded reference steps.
     """
     begun, sentences = list[Recording](), list[str]()
     drifts = reference != 'payload' and find_plateaus(recordings) is None
     for recording in recordings if drifts else ():
         at = np.flatnonzero(np.isfinite(recording.wrench).any(axis=1))
-        pause_s = max(_RESTART_S, 3 * _cells_apart(at) * recording.period_s)
-        cells = at[1:][np.diff(at) * recording.period_s > pause_s].tolist()
-        found: Recording = recording
+        pauses_s, usual_s = (
+            cells * recording.period_s for cells in (np.diff(at), _cells_apart(at))
+        )
+        lasted_s = recording.period_s * (at - at[0])
+        # Beside a short stretch at the start or the end nothing tells a step from drift.
+        is_short = np.minimum(lasted_s[:-1], lasted_s[-1] - lasted_s[1:]) < BESIDE_S
+        least_s = np.where(is_short, BESIDE_S / 4, _RESTART_S)
+        cells = at[1:][pauses_s > np.maximum(least_s, 3 * usual_s)].tolist()
+        steps, read = {*recording.steps, *cells}, recording.wrench
         if reference == 'recorded':
-            beside = replace(recording, wrench=recording.wrench - recording.reference)
+            read = recording.wrench - recording.reference
             with suppress(CalibrationRefusedError):
-                (found,), said = segment([beside], 'constant')
+                (beside,), said = segment([replace(recording, wrench=read)], 'constant')
+                steps.update(beside.steps)
                 sentences += [sentence for sentence in said if 'A new segment' in sentence]
-        begun.append(replace(recording, steps=tuple(sorted({*found.steps, *cells}))))
+        wrench = recording.wrench.copy()
+        for cell in steps.difference(recording.steps):
+            before = at[np.searchsorted(at, cell) - 1]
+            if (cell - before) * recording.period_s < _RESTART_S:  # a bin may lie on both sides
+                wrench[cell:] -= np.nan_to_num(read[cell] - read[before])
+        begun.append(replace(recording, wrench=wrench, steps=tuple(sorted(steps))))
         sentences += [
-            f'{recording.name} goes on at {time_in(recording, cell)} after a long pause, maybe '
+            f'{recording.name} goes on at {time_in(recording, cell)} after a pause, maybe '
             'with another zero. A new segment begins there, as after a tare.'
             for cell in cells
         ]
@@ -203,31 +216,23 @@ def _steps_in_gaps(
     """
     Find steps across gaps, as of a driver that was started again and has another zero.
 
-    In the gap, drift moves at up to twice the speed that it has in the two minutes beside; fewer
-    readings, as of a driver that is started again at once, have a level, but no speed. What is
+    In the gap, drift moves at up to twice the speed that it has in the two minutes beside. What is
     found is taken out of ``raw``, or the next gap would find it again.
     """
     steps, apart_s = list[Step](), _cells_apart(at) * recording.period_s
     beside = max(round(BESIDE_S / apart_s), _LEVEL_SAMPLES)
     for begin in begins:
         place = int(np.searchsorted(at, begin))
-        sides = at[max(place - beside, 0) : place], at[place : place + beside]
-        edges = sides[0][-1], sides[1][0]
-        gap = edges[1] - edges[0]
-        if max(map(len, sides)) < beside or gap * recording.period_s > _RESTART_S:
+        before, after = at[max(place - beside, 0) : place], at[place : place + beside]
+        gap = after[0] - before[-1]
+        if len(before) < beside or len(after) < beside or gap * recording.period_s > _RESTART_S:
             continue
-        slopes = [
-            np.polyfit(cells, raw[cells], 1)[0] if len(cells) == beside else np.zeros(raw.shape[1])
-            for cells in sides
-        ]
-        before, after = (
-            np.mean(raw[cells] - slope * (cells - edge)[:, np.newaxis], axis=0)
-            for cells, edge, slope in zip(sides, edges, slopes, strict=True)
-        )
-        drift = 2 * gap * np.abs(slopes).max(axis=0)
-        if (np.abs(after - before) > drift + least).any():
-            steps.append(Step(begin, after - before))
-            raw[begin:] -= after - before
+        slope, level = np.polyfit(before - before[-1], raw[before], 1)
+        slope_after, level_after = np.polyfit(after - after[0], raw[after], 1)
+        drift = 2 * gap * np.fmax(np.abs(slope), np.abs(slope_after))
+        if (np.abs(level_after - level) > drift + least).any():
+            steps.append(Step(begin, level_after - level))
+            raw[begin:] -= level_after - level
     return steps
 
 
