@@ -10,7 +10,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.outliers_and_steps import segment
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.report.evaluation import evaluate
+from wrist_ft_comp.report.evaluation import evaluate, tared_errors
 
 CELLS = 3600
 NOISE = 0.02
@@ -123,6 +123,17 @@ def test_where_the_load_is_recorded_a_tare_of_the_driver_is_found_beside_it(day)
     assert 'day1.csv steps at 0:25:' in '\n'.join(calibration.warnings)
     assert calibration.fits['force_z'].rms_after < 2 * NOISE
     assert evaluate(calibration.model, [day(3)])['force_z'].rms_after < 2 * NOISE
+
+
+def test_what_froze_is_no_step_of_what_is_judged(day):
+    model, frozen = calibrate([day(1), day(2)]).model, day(3)
+    frozen.wrench[1200:2300, 2] = frozen.wrench[1200, 2]
+    judged = tared_errors(model, frozen, 'unloaded')
+    assert judged.warnings[0].startswith('force_z of day3.csv freezes at')
+    assert np.isfinite(judged.after).any(axis=0).nonzero()[0].tolist() == [3]
+    frozen.wrench[1200:2300] = frozen.wrench[1200]
+    with pytest.raises(CalibrationRefusedError, match='Check the range and the driver'):
+        tared_errors(model, frozen, 'unloaded')
 
 
 def test_each_segment_of_what_is_held_out_is_tared(day):

@@ -16,7 +16,13 @@ from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
 from wrist_ft_comp.fit import data_checks as checks
 from wrist_ft_comp.fit.auto_method import identify_auto
-from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data, MIN_SAMPLES
+from wrist_ft_comp.fit.axis_data import (
+    AxisData,
+    BIN_S,
+    build_axis_data,
+    find_plateaus,
+    MIN_SAMPLES,
+)
 from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.fit.outliers_and_steps import begin_where_tared, MOVING, segment
 from wrist_ft_comp.fit.paper_methods import identify_paper_method
@@ -89,7 +95,7 @@ def calibrate(
         for axis, fit in fits.items()
         if fit.rms_after > max(fit.rms_before / 2, MOVING[fit.unit])
     ]
-    if unexplained and reference in {'unloaded', 'constant'}:
+    if unexplained and reference in {'unloaded', 'constant'} and not find_plateaus(recordings):
         warnings.append(
             'Most of what these readings do is not explained by temperature, RMS: '
             f'{", ".join(unexplained)}. The load was declared {reference}: did the robot move, or '

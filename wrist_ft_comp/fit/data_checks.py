@@ -137,18 +137,16 @@ def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
             )
             if share > MOST_LEFT_OUT:
                 lost.append(what)
-            left_out = 'it is not learnt from that recording' if what in lost else 'left out'
+            left_out = f'{axis} is left out of that recording' if what in lost else 'left out'
             sentences.append(f'{what}; {left_out}.')
             sound[i] = _without(sound[i], column, slice(None) if what in lost else cells)
-        if lost and not any(axis in recording.axes_present for recording in sound):
-            stuck += lost
-            sentences.append(f'{axis} is left uncompensated: no other recording has it.')
-    if stuck and not any(recording.axes_present for recording in sound):
-        raise CalibrationRefusedError(
-            f'{stuck[0]}; up to {100 * MOST_LEFT_OUT:.0f} % can be left out. Check the range '
-            'and the driver of the sensor, and record again.'
-        )
+        stuck += lost
     if not any(recording.axes_present for recording in sound):
+        if stuck:
+            raise CalibrationRefusedError(
+                f'{stuck[0]}; up to {100 * MOST_LEFT_OUT:.0f} % can be left out. Check the range '
+                'and the driver of the sensor, and record again.'
+            )
         names = ', '.join(recording.name for recording in recordings)
         raise CalibrationRefusedError(
             f'Every axis of {names} keeps one value throughout, so the sensor does not measure. '
@@ -201,8 +199,9 @@ def drop_unknown_temperatures(recordings: Sequence[Recording]) -> Cleaned:
                 wrench[first:last] = np.nan
             if np.isfinite(wrench).sum() < np.isfinite(recording.wrench).sum() / 2:
                 raise CalibrationRefusedError(
-                    f'{what}: its temperature is unknown for most of the wrenches. Record again, '
-                    'or leave that thermometer out.'
+                    f'{what}: its temperature is unknown for most of the wrenches. Leave that '
+                    'recording out, or that thermometer: name the others by --temperature-topic, '
+                    'or give its column another name.'
                 )
             if runs:
                 sentences.append(f'{what}; wrenches of that time are not learnt from.')

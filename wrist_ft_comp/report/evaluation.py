@@ -10,7 +10,7 @@ import numpy as np
 from wrist_ft_comp import errors as refusals
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift, StoredModel
-from wrist_ft_comp.fit.data_checks import silent_stretches
+from wrist_ft_comp.fit.data_checks import drop_stuck_cells, silent_stretches
 from wrist_ft_comp.fit.folds import averaged_cells, mean_over
 from wrist_ft_comp.fit.outliers_and_steps import segment
 from wrist_ft_comp.payload.separation import learn_at_work
@@ -75,13 +75,16 @@ def tared_errors(
     first seconds that hold wrenches; steps of a still load are taken out. Without a recorded
     reference they are compared with zero; with payload, in cells without contact, with the weight
     that is found in this recording. RecordingError where the recording does not fit the model, is
-    shorter than the tare, or holds nothing to compare with.
+    shorter than the tare, or holds nothing to compare with, CalibrationRefusedError where every
+    axis is stuck.
     """
     refusals.check_range('tare_s', tare_s, 0.0, above=True)
     warnings: tuple[str, ...] = ()
     if reference == 'payload':
         work = learn_at_work([recording])
         recording, reference, warnings = work.drift[0], 'recorded', work.warnings
+    (recording,), stuck = drop_stuck_cells([recording])
+    warnings += tuple(stuck)
     # A load that moves is left as it is.
     with suppress(refusals.CalibrationRefusedError):
         (recording,), sentences = segment([recording], reference)

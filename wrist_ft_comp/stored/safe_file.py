@@ -35,7 +35,7 @@ MAKE_ROOM = 'Make room, or choose another data_directory;'
 #: A disk that takes longer than this for a file hangs, s.
 _HANGS_S = 10.0
 #: Endings that promise a content: a new file of another content may not have them.
-_PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .mcap .db3'
+_PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .xlsx .parquet .mcap .db3'
 #: What no path holds: a NUL, or half of a character of two; bytes that are no text are others.
 _IN_NO_PATH = re.compile('[\0\ud800-\udc7f\udd00-\udfff]')
 #: What a single value may be by its annotation, the words for it, and what else has to hold.
