@@ -19,6 +19,7 @@ from wrist_ft_comp.stream.compensator import Compensator
 NO_TURN = [0.0, 0.0, 0.0, 1.0]
 UP, AWAY = (0.0, 0.0, 9.8), (9.8, 0.0, 0.0)
 TO_TOOL = 'arm', 'tool', NO_TURN
+FROZEN = 'specific force has not changed by a bit for seconds; is the IMU frozen?'
 
 
 @pytest.fixture
@@ -152,6 +153,19 @@ def test_what_is_wrong_with_an_imu_is_said(start):
         part.on_imu(serialize_message(message))
         found = list(part.value_doubts(ForceFrame()))
         assert [why.removesuffix(', and are mixed') for why in found] == said
+
+
+@pytest.mark.parametrize('simulated', [False, True])
+def test_a_frozen_imu_is_said_but_one_without_noise_in_a_simulation_is_none(start, simulated):
+    part, hub = start('imu')
+    hub.values['use_sim_time'] = simulated
+    message = Imu()
+    message.linear_acceleration.z = GRAVITY
+    for second in range(30):
+        message.header.stamp.sec = second + 1
+        part.on_imu(serialize_message(message))
+        list(part.timing_doubts(None, {'forces': 1, 'came': 1, 'missed': 0}))
+    assert [*part.value_doubts(ForceFrame())] == [FROZEN][simulated:]
 
 
 def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest():

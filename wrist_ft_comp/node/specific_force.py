@@ -307,7 +307,9 @@ class SpecificForceInput(Part):
             yield f'specific force of {mixed}'
         if len(self._felt) < _REPORTS:
             return
-        if len(set(self._felt)) == 1 and self.source == 'imu':
+        # Of a simulated one at rest, without noise, all are alike.
+        simulated = self.hub.get_parameter('use_sim_time').value
+        if len(set(self._felt)) == 1 and self.source == 'imu' and not simulated:
             yield 'specific force has not changed by a bit for seconds; is the IMU frozen?'
         off = np.linalg.norm(frame.turn(np.array(self._felt)), axis=1) / GRAVITY - 1
         if min(off) > _NORM_DEVIATION or max(off) < -_NORM_DEVIATION:

@@ -304,6 +304,9 @@ class TemperatureInput(Part):
             heard_s = thermometer.heard_s
             spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS
             silent_s = time.monotonic() - (-math.inf if heard_s is None else heard_s)
+            if self._arrival_ns() is None:  # a simulation may be slow
+                by_stamps_s = (self.hub.now_ns() - (thermometer.newest[0] or 0)) / NANOSECONDS
+                silent_s = min(silent_s, by_stamps_s)
             effect = 'it is predicted' if j in self._tracker.replaced else drift
             if problems[j] and silent_s > max(OUTAGE_S, 2 * spacing_s):
                 yield f'thermometer {j + 1}: {problems[j]}; {effect}'

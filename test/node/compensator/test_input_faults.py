@@ -364,6 +364,14 @@ class TestTemperature:
         corrected = node.ask_output(START + 3000 * SECOND, RAW)
         np.testing.assert_allclose(corrected, RAW - [0, 0, zero, 0, 0, 0], atol=0.1)
 
+    @pytest.mark.parametrize(('simulated', 'later_s', 'said'), [
+        (False, 1, True), (True, 1, False), (True, 9000, True)])  # fmt: skip
+    def test_in_a_slow_simulation_silence_counts_by_stamps(self, warm, simulated, later_s, said):
+        node = warm(parameters={'use_sim_time': simulated})
+        node.node.now_ns = lambda: START + (19 + later_s) * SECOND
+        node.node.inputs.thermometers[0].heard_s -= 9000.0
+        assert ('silent for more than' in node.diagnosis('temperature').message) == said
+
     @pytest.mark.parametrize('each', [5, 1], ids=['the same reading', 'stamps in whole seconds'])
     def test_a_stamp_that_is_sent_again_until_the_next_one_is_no_fault(self, warm, each):
         node = warm()
