@@ -159,11 +159,8 @@ def test_what_is_wrong_with_an_imu_is_said(start):
 def test_a_frozen_imu_is_said_but_one_without_noise_in_a_simulation_is_none(start, simulated):
     part, hub = start('imu')
     hub.values['use_sim_time'] = simulated
-    message = Imu()
-    message.linear_acceleration.z = GRAVITY
     for second in range(30):
-        message.header.stamp.sec = second + 1
-        part.on_imu(serialize_message(message))
+        part.on_specific_force(START + second * SECOND, UP, None)
         list(part.timing_doubts(None, {'forces': 1, 'came': 1, 'missed': 0}))
     assert [*part.value_doubts(ForceFrame())] == [FROZEN][simulated:]
 
