@@ -153,9 +153,9 @@ class SpikeFilter:
 
     def _jumps(self, before: Reading, sample: Reading) -> bool:
         """Whether a thermometer moved farther than it usually does, and than a wrist warms."""
-        step_k, elapsed_s = abs(sample[1] - before[1]), (sample[0] - before[0]) / NANOSECONDS
-        limit_k = min(max(_USUAL_STEPS * self._usual_k, _LEAST_JUMP_K), JUMP_K)
-        if step_k > limit_k + FASTEST_K_S * abs(elapsed_s):
+        step_k, elapsed_s = abs(sample[1] - before[1]), abs(sample[0] - before[0]) / NANOSECONDS
+        usual_k = max(_USUAL_STEPS * self._usual_k, _LEAST_JUMP_K)
+        if step_k > min(usual_k + _JUMP_K_S * elapsed_s, JUMP_K + FASTEST_K_S * elapsed_s):
             return True
         if step_k:
             self._usual_k = max(step_k, _FORGET * self._usual_k)
