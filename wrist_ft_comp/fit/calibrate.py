@@ -5,7 +5,7 @@ This is the story; what each step decides is in the file that it is named after.
 """
 
 from collections import ChainMap
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -34,6 +34,9 @@ from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import IntArray, Progress, rounded
 from wrist_ft_comp.stream.drift_of_recordings import exchange_doubts
 from wrist_ft_comp.stream.failed_thermometers import stands_s
+
+#: An odd day is looked for among up to this many, because each takes a fit without it.
+_MOST_DAYS = 10
 
 
 def calibrate(
@@ -64,15 +67,13 @@ def calibrate(
     # Learn every axis; at work twice: with a model, drift is separated from payloads better.
     work = None
     if reference == 'payload':
-        work = learn_at_work(
-            recordings, lambda drift: _learn(drift, axes, folds, settings, lambda _: None)[1]
-        )
+        work = learn_at_work(recordings, lambda drift: _learn(drift, axes, folds, settings)[1])
     fits, model, said = _learn(work.drift if work else recordings, axes, folds, settings, progress)
     # Where the driver may have been tared, it was if that halves the share left.
     tared, begun = begin_where_tared(recordings, reference)
     if begun:
         with suppress(WristFtCompError):  # segments may be too short for an ARX
-            again = _learn(tared, axes, folds, settings, lambda _: None)
+            again = _learn(tared, axes, folds, settings)
             both = [(fits[axis], fit) for axis, fit in again[0].items() if axis in fits]
             if any(2 * b.rms_after * a.rms_before < a.rms_after * b.rms_before for a, b in both):
                 (fits, model, said), stepped = again, stepped + begun
@@ -102,6 +103,7 @@ def calibrate(
             'did something touch it? Or does no thermometer see the heat? Record again standing '
             'still, or with the specific force (--reference payload).'
         )
+        warnings += _odd_days(recordings, axes, settings, fits)
     return Calibration(
         model=model, fits=fits, temperature_range_c=ranges_c, warnings=tuple(warnings),
         duration_s=sum(recording.duration_s for recording in recordings),
@@ -110,12 +112,32 @@ def calibrate(
         sensor=ChainMap(*map(dict, sensors.values())))  # fmt: skip
 
 
+def _odd_days(
+    recordings: Sequence[Recording],
+    axes: Sequence[str],
+    settings: CalibrationSettings,
+    fits: Mapping[str, AxisFit],
+) -> Iterator[str]:
+    """Name each recording without which less than half as much of an axis' drift is left."""
+    for i, recording in enumerate(recordings if 2 < len(recordings) <= _MOST_DAYS else ()):
+        others = [*recordings[:i], *recordings[i + 1 :]]
+        with suppress(WristFtCompError):
+            for axis, fit in _learn(others, axes, assign_folds(others), settings)[0].items():
+                share = fit.rms_after / fit.rms_before if fit.rms_before else 1.0
+                if 2 * share * fits[axis].rms_before < fits[axis].rms_after:
+                    yield (
+                        f'Without {recording.name} {100 * share:.0f} % of the drift of {axis} is '
+                        'left. Is it of another sensor, unit or direction? Mend or leave it out.'
+                    )
+                    break
+
+
 def _learn(
     recordings: Sequence[Recording],
     axes: Sequence[str],
     folds: Sequence[IntArray],
     settings: CalibrationSettings,
-    progress: Progress,
+    progress: Progress = lambda _: None,
 ) -> tuple[dict[str, AxisFit], DriftModel, list[str]]:
     """Learn some axes, and say what to doubt; CalibrationRefusedError where none can be."""
     fits, said = dict[str, AxisFit](), list[str]()
