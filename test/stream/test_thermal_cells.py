@@ -33,6 +33,18 @@ def test_a_thermometer_that_never_reported_is_waited_for_without_hoarding(second
     assert started[0].temperature_c == pytest.approx([20.0 + first, 5.0])
 
 
+@pytest.mark.parametrize('later_s', [0, 1, 4, 9])
+@pytest.mark.parametrize('every_s', [10, 60])
+def test_of_thermometers_that_report_seldom_in_turn_each_report_is_measured(every_s, later_s):
+    grid = thermal_cells.ThermalGrid(SECOND, 2, patience_s=5.0)
+    both = zip(
+        seconds(0, *((every_s * k, 20.0) for k in range(40))),
+        seconds(1, *((every_s * k + later_s, 30.0) for k in range(40))), strict=True,
+    )  # fmt: skip
+    done = feed(grid, [sample for pair in both for sample in pair])
+    assert (np.sum([cell.measured for cell in done], axis=0) >= 35).all()
+
+
 @pytest.mark.parametrize(('back_s', 'number', 'last_c'), [(1.0, 31, 52.0), (9.0, 30, 50.0)])
 def test_after_an_outage_the_others_are_waited_for_with_patience(back_s, number, last_c):
     grid = thermal_cells.ThermalGrid(SECOND, 2, patience_s=3.0)

@@ -106,7 +106,9 @@ class ThermalGrid:
                     self.rejected += 1
                     return []
                 cell = int(self._next)
-            if cell > max(self._newest.values()) + self._outage:
+            # What pauses as usual, because all report seldom, was not out.
+            usual = 2 * max(map(self.spacing, range(self._thermometers)))
+            if cell > max(self._newest.values()) + max(self._outage, usual):
                 done, self._first = self._complete(cell), {}
         self._sent[thermometer] = max(self._sent.get(thermometer, at), at)
         if (spacing := cell - self._newest.get(thermometer, cell)) > 0:
