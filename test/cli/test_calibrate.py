@@ -27,8 +27,8 @@ def test_report_reason_and_show_have_the_figures_of_a_calibration(method, done, 
 def test_text_says_what_was_learnt_and_where_it_is(done, drift_csv, tmp_path):
     argv = ['calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--method', 'pls']
     out = done(*argv)
-    assert re.search('force_z +N +good', out)
-    assert json.loads(done(*argv, '--json'))['axes']['force_z']['verdict'] == 'good'
+    assert re.search('force_z +N +weak', out)
+    assert json.loads(done(*argv, '--json'))['axes']['force_z']['verdict'] == 'weak'
     assert f'saved as {tmp_path / "m.yaml"}' in out
     assert all(len(line) <= 80 for line in out.splitlines() if str(tmp_path) not in line)
 

@@ -77,14 +77,23 @@ class RidgeFit(NamedTuple):
     strength: float
 
 
-def candidates(highest_degree: int) -> list[RidgeFit]:
-    """List the candidates, the simplest first: ten for each degree."""
+def candidates(highest_degree: int, longest_s: float = np.inf) -> list[RidgeFit]:
+    """
+    List the candidates, the simplest first: ten for each degree.
+
+    Relaxations last up to a third of the longest recording: in a shorter one they are a line,
+    which goes on for hours on another day.
+    """
     fits = []
+    banks = {
+        name: tuple(tau_s for tau_s in bank_s if tau_s <= longest_s / 3)
+        for name, bank_s in BANKS_S.items()
+    }
     for degree in range(1, highest_degree + 1):
         fits.append(RidgeFit(f'static, degree {degree}', (0.0,), degree, STRENGTHS[-1]))
         fits += [
             RidgeFit(f'{name}, degree {degree}', bank_s, degree, strength)
-            for name, bank_s in BANKS_S.items()
+            for name, bank_s in banks.items()
             for strength in STRENGTHS
         ]
     return fits
@@ -119,7 +128,8 @@ def fit_ridge(
 
 def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """Learn the drift of an axis from all fits, each as far as it holds unseen."""
-    fits = candidates(settings.highest_degree)
+    longest_s = data.period_s * max(map(len, data.residual))
+    fits = candidates(settings.highest_degree, longest_s)
     bins = bin_axis_data(data, data.bin_cells)
     relaxed_c = bins.relaxed(POOL_S)
     observed = [moments[:, 0, 0] > 0 for moments in bins.moments]

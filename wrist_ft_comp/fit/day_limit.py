@@ -13,6 +13,9 @@ from wrist_ft_comp.series import FloatArray, ROUNDING
 
 #: What another day is expected to keep is stated of a day of at least this length, s.
 DAY_S = 10800.0
+#: Recordings that are all shorter than this promise nothing of a day, s: of 60 axes that were
+#: learnt from three of 15 min 31 went beyond their limit, of three of 20 min 16, of 30 min 4.
+_PROMISES_S = 1800.0
 #: On 9 of 10 days the largest error of an axis is below this many times the RMS that is stated
 #: of it, where it was learnt from one recording: tuned to 95 of 100 (bench/accuracy/worlds.py
 #: --dev); on worlds that nobody looked at it was below on 92 ...
@@ -48,6 +51,7 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
         shares = weights[members]
         rms = np.average(each[members], weights=shares if shares.any() else None)
         tried.append(Candidate(name, of_a_day(float(rms)), float(shares.sum())))
+    longest_s = data.period_s * max(map(len, data.residual))
     expected = expected_rms(data, model, squares, weights)
     largest = limit = np.nan
     if data.tared:
@@ -61,8 +65,8 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
         model=model, chosen=chosen, candidates=tuple(tried), rms_before=tried[0].rms,
         rms_after=of_a_day(after), notes=notes, unit=axis_unit(data.axis), held_out=held_out,
         expected_rms=expected, largest_drift=largest,
-        # Where the drift stays below it, too, it is no promise.
-        day_limit=limit if limit <= largest else np.nan)  # fmt: skip
+        # Where the drift stays below it, too, it is no promise, nor where nothing lasted.
+        day_limit=limit if limit <= largest and longest_s >= _PROMISES_S else np.nan)  # fmt: skip
 
 
 def expected_rms(
