@@ -127,9 +127,14 @@ def test_days_on_which_a_robot_repeats_its_program_are_no_single_day(good):
         run.wrench[:, 0] = swing + 0.03 * run.temperature_c[:, 0]
         run.reference[:, 0], run.wrench[:, 5] = swing, np.nan
     assert calibrate(runs, replace(STATIC, reference='recorded')).fits['force_x'].rms_after < 0.1
-    again = replace(runs[0], name='again.csv')
-    with pytest.raises(CalibrationRefusedError, match=r'again.csv holds the readings of run0.csv'):
-        calibrate([*runs, again], replace(STATIC, reference='recorded'))
+    columns = {name: lambda v: v[15:] for name in ('temperature_c', 'measured', 'wrench')}
+    part = changed(runs[0], **columns, reference=lambda v: v[15:])
+    moved = runs[0].first_cell + 15
+    for again in (runs[0], replace(part, first_cell=moved), replace(part, first_cell=moved - 15)):
+        with pytest.raises(CalibrationRefusedError, match=r'again.csv holds readings of run0.csv'):
+            calibrate(
+                [*runs, replace(again, name='again.csv')], replace(STATIC, reference='recorded')
+            )
 
 
 def test_a_recording_of_less_than_a_minute_does_no_harm_beside_longer_ones(good):

@@ -73,5 +73,11 @@ def test_a_thermometer_that_was_frozen_all_day_is_known_by_its_other_days(make_r
     sound = day('sound', warm_up(CELLS, 1), warm_up(CELLS, 2))
     with pytest.raises(CalibrationRefusedError, match='Thermometer 2 of odd keeps one value for'):
         calibrate([sound, day('odd', warm_up(CELLS, 3), still)])
+    # One of few digits keeps a value now and then, but not for hours while another moves.
+    coarse = np.round(warm_up(CELLS, 2), 1)
+    assert drop_unknown_temperatures([day('few digits', warm_up(CELLS, 3), coarse)])[1] == []
+    coarse[100:350] = coarse[100]
+    (said,) = drop_unknown_temperatures([day('freezes', warm_up(CELLS, 3), coarse)])[1]
+    assert said.startswith('Thermometer 2 of freezes keeps one value for 25')
     # A coarse one keeps a value while nothing moves.
     assert drop_unknown_temperatures([sound, day('rest', still, still)])[1] == []

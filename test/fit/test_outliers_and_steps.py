@@ -95,6 +95,9 @@ def test_a_calibration_and_an_evaluation_go_on_after_steps(day, steps):
     judged = day(3, stepped(*steps))
     left, without = (evaluate(model.model, [judged])['force_z'] for model in (calibration, plain))
     assert left.rms_after < 1.2 * without.rms_after + NOISE
+    *found, last = tared_errors(plain.model, judged, 'unloaded').warnings
+    is_stepped = any('A new segment' in said for said in found)
+    assert ('is judged as if ~/tare had been called at each step' in last) == is_stepped
     usual = evaluate(plain.model, [day(3)])['force_z']
     assert left.rms_before == pytest.approx(usual.rms_before, rel=0.02)
     assert left.rms_after < 0.1 * left.rms_before

@@ -13,6 +13,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import find_plateaus, MIN_SAMPLES
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, time_in
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
+from wrist_ft_comp.stream.failed_thermometers import stands_s
 from wrist_ft_comp.stream.temperature_jumps import jumps
 
 #: Temperatures of one day differ by less than this, K, also where a thermometer has few digits.
@@ -28,6 +29,8 @@ _NEARLY_ALL = 0.9
 _SEVERAL = 10
 #: A thermometer is silent for long from this time on, s: the drift of that time is a guess.
 LONG_SILENCE_S = 600.0
+#: A thermometer that stands still for this many times as long as ever else is frozen.
+_STANDS = 3
 #: Of a channel up to this share may be left out; with more, something is wrong with it.
 MOST_LEFT_OUT = 0.05
 #: Recordings without what cannot be learnt from, and sentences that say what that was.
@@ -57,8 +60,8 @@ def check_recordings(
     for one, other in combinations(recordings, 2):
         if _are_the_same(one, other):
             raise CalibrationRefusedError(
-                f'{other.name} holds the readings of {one.name}: it is the same day in '
-                'another form. Name one of them only.'
+                f'{other.name} holds readings of {one.name}: it is the same day, or a part of '
+                'it, in another form. Name one of them only.'
             )
     names = ', '.join(recording.name for recording in recordings)
     everything = np.concatenate([recording.temperature_c for recording in recordings])
@@ -87,13 +90,21 @@ def check_recordings(
 
 
 def _are_the_same(one: Recording, other: Recording) -> bool:
-    """Whether readings are equal up to their noise, whatever their stamps; it never repeats."""
-    cells = min(len(one), len(other))
-    if abs(len(one) - len(other)) > 1 or cells < MIN_SAMPLES:
+    """Whether readings that both have are equal up to their noise; it never repeats."""
+    # By their stamps, or, where these are others, from the first or to the last ones on.
+    shifts = {0, len(one) - len(other), other.first_cell - one.first_cell}
+    return any(_are_equal(one, other, shift) for shift in shifts)
+
+
+def _are_equal(one: Recording, other: Recording, shift: int) -> bool:
+    """Whether the readings of two are equal where the other begins some cells later."""
+    begin, end = max(shift, 0), min(len(one), len(other) + shift)
+    if end - begin < MIN_SAMPLES:
         return False
-    apart_k = np.abs(one.temperature_c[:cells] - other.temperature_c[:cells])
+    here, there = slice(begin, end), slice(begin - shift, end - shift)
+    apart_k = np.abs(one.temperature_c[here] - other.temperature_c[there])
     shares = [np.mean(apart_k <= _EQUAL_K)]
-    for ours, theirs in zip(one.wrench[:cells].T, other.wrench[:cells].T, strict=True):
+    for ours, theirs in zip(one.wrench[here].T, other.wrench[there].T, strict=True):
         if noise := noise_level((ours, theirs)):
             # Of another day half of the readings are as near.
             equal = np.abs(ours - theirs) <= noise
@@ -194,7 +205,7 @@ def drop_unknown_temperatures(recordings: Sequence[Recording]) -> Cleaned:
         asked_c = reported_c if others_moved else [own_c]
         for j, measured in enumerate(recording.measured.T):
             frozen, *_ = _find_stuck([own_c[j], *(of_one[j] for of_one in asked_c)])
-            runs, what = _unknown(recording, j, ~measured | frozen)
+            runs, what = _unknown(recording, j, ~measured | frozen | _stands_still(recording, j))
             for first, last in runs:
                 wrench[first:last] = np.nan
             if np.isfinite(wrench).sum() < np.isfinite(recording.wrench).sum() / 2:
@@ -207,6 +218,22 @@ def drop_unknown_temperatures(recordings: Sequence[Recording]) -> Cleaned:
                 sentences.append(f'{what}; wrenches of that time are not learnt from.')
         sound.append(replace(recording, wrench=wrench))
     return sound, sentences
+
+
+def _stands_still(recording: Recording, j: int) -> BoolArray:
+    """Mark where a thermometer keeps a value far longer than ever else, while another moves."""
+    still, at = np.zeros(len(recording), dtype=bool), np.flatnonzero(recording.measured[:, j])
+    read_c = recording.temperature_c[at, j]
+    stands = stands_s(read_c, 1.0).astype(int)
+    if len(stands) > 1:  # one that never moves is named by idle_thermometers
+        longest, end = stands.argmax(), stands.cumsum()
+        first, last = at[end[longest] - stands[longest]], at[end[longest] - 1]
+        steps_k = np.abs(np.diff(read_c))
+        others_k = np.ptp(np.delete(recording.temperature_c[first : last + 1], j, 1), axis=0)
+        moved_k = LEAST_RANGE_K + 2 * steps_k[steps_k > 0].min()
+        is_long = stands[longest] > _STANDS * np.sort(stands)[-2]
+        still[first : last + 1] = is_long and others_k.max(initial=0.0) > moved_k
+    return still
 
 
 def _unknown(recording: Recording, j: int, absent: BoolArray) -> tuple[list[tuple[int, int]], str]:

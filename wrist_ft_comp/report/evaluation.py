@@ -88,6 +88,11 @@ def tared_errors(
     # A load that moves is left as it is.
     with suppress(refusals.CalibrationRefusedError):
         (recording,), sentences = segment([recording], reference)
+        if recording.steps:
+            sentences.append(
+                f'{recording.name} is judged as if ~/tare had been called at each step. Live, the '
+                'force is off by all of it until then: do not tare in the driver while it runs.'
+            )
         warnings += tuple(sentences)
     true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
     before, after = (
