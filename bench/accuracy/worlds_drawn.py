@@ -86,6 +86,10 @@ FAMILIES |= {
     f'warm_up_{count}': Family(f'one warm-up of 3 h, {words}', count, 1, 3.0, steady=True)
     for count, words in _WORDS.items()
 }
+FAMILIES |= {
+    f'short_{count}': Family(f'three recordings of 20 min, {words}', count, 3, 1 / 3)
+    for count, words in _WORDS.items()
+}
 
 
 @dataclass(frozen=True, eq=False)

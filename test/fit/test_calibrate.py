@@ -82,7 +82,7 @@ def test_recordings_from_which_nothing_can_be_learnt_are_refused(good, whose, ch
 def test_a_smaller_span_may_be_chosen_and_of_none_nothing_is_learnt(good):
     calm = [changed(run, temperature_c=lambda t: 25 + 0.05 * (t - 30)) for run in good]
     calibrate(calm, replace(STATIC, min_temperature_span_k=0.5))
-    with pytest.raises(CalibrationRefusedError, match='at most within a recording, whose zero is'):
+    with pytest.raises(CalibrationRefusedError, match='K at most within a recording, whose zero'):
         calibrate([calm[0], changed(calm[1], temperature_c=lambda t: t + 20)], STATIC)
     with pytest.raises(CalibrationRefusedError, match='at least one recording; got none'):
         calibrate([], STATIC)

@@ -65,11 +65,13 @@ def check_recordings(
             )
     names = ', '.join(recording.name for recording in recordings)
     everything = np.concatenate([recording.temperature_c for recording in recordings])
-    span_k = max(float(np.ptp(r.temperature_c, axis=0).max()) for r in recordings)
-    if span_k < min_span_k:
+    span_k = float(np.ptp(everything, axis=0).max())
+    within_k = max(float(np.ptp(r.temperature_c, axis=0).max()) for r in recordings)
+    if span_k < min_span_k or within_k < min_span_k / 3:
         raise CalibrationRefusedError(
-            f'Temperature in {names} spans {span_k:.1f} K at most within a recording, whose zero '
-            f'is its own; at least {min_span_k:.1f} K are needed. Record a warm-up from cold.'
+            f'Temperature in {names} spans {span_k:.1f} K, and {within_k:.1f} K at most within a '
+            f'recording, whose zero is its own; at least {min_span_k:.1f} K and a third of it are '
+            'needed. Record a warm-up from cold.'
         )
     if not any(recording.axes_present for recording in recordings):
         raise CalibrationRefusedError(

@@ -13,8 +13,8 @@ from wrist_ft_comp.series import FloatArray, ROUNDING
 
 #: What another day is expected to keep is stated of a day of at least this length, s.
 DAY_S = 10800.0
-#: Recordings that are all shorter than this promise nothing of a day, s: of 60 axes that were
-#: learnt from three of 15 min 31 went beyond their limit, of three of 20 min 16, of 30 min 4.
+#: Recordings that are all shorter than this promise nothing of a day, s: of axes that were learnt
+#: from three of 20 min half stayed below (bench/accuracy/worlds.py --dev, families short_1 to 3).
 _PROMISES_S = 1800.0
 #: On 9 of 10 days the largest error of an axis is below this many times the RMS that is stated
 #: of it, where it was learnt from one recording: tuned to 95 of 100 (bench/accuracy/worlds.py

@@ -70,7 +70,7 @@ def test_too_small_a_span_leaves_the_live_model(ready, make_model):
     live = make_model('live.yaml', {'torque_z': (0.0, 0.0, 0.0)})
     node = ready(0.1, model=live)
     said = node.call('calibrate')
-    check_refused(node, said, 'spans 1.', 'at least 3.0 K are needed', 'Record a warm-up')
+    check_refused(node, said, 'spans 1.', 'at least 3.0 K and a third', 'Record a warm-up')
     assert node.node.live.stored.sha256 == live.sha256
     assert [path.name for path in (node.directory / 'models').iterdir()] == ['live.yaml']
 
