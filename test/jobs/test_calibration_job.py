@@ -16,7 +16,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, Orders
 from wrist_ft_comp.jobs.calibration_job import run_job
-from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning, Minute
+from wrist_ft_comp.jobs.job_process import CalibrationJob, Minute
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.stored.model_file import load_model
@@ -40,9 +40,10 @@ OTHER = CalibrationJob(
     ),
     skip_unusable=True,
     report=Path('out/report.html'),
-    learning=Learning(
-        (HistoryEntry(None), HistoryEntry(Path('m.yaml'), 'a' * 64, '2026-01-05', 'It is better.',
-                                          'learnt', 'day_3.csv', True)), 12.5),
+    history=(
+        HistoryEntry(None), HistoryEntry(Path('m.yaml'), 'a' * 64, '2026-01-05', 'It is better.',
+                                         'learnt', 'day_3.csv', True)),
+    max_mb=12.5,
     minute=Minute(((1.0, -2.5), (3.0, 4.0)), 0.5, ('a-1',), ((0.1, 0.0, 0.0), (1.0, 1.1, 1.0))),
 )  # fmt: skip
 

@@ -12,7 +12,7 @@ from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.drift.drift_model import run_from_rest
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs import job_main
-from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
+from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.learning.days import day_files, diary_path, LARGEST_BYTES, load_diary
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
@@ -64,7 +64,7 @@ def job_of(directory, count, *history, report=False, **more):
     return CalibrationJob(
         tuple(day_files(directory)[:count]), models / f'model_{count}.yaml', QUICK, PERIOD_S,
         report=models / f'model_{count}.html' if report else None,
-        learning=Learning(history, **more))  # fmt: skip
+        history=history, **more)  # fmt: skip
 
 
 @pytest.fixture(scope='module')
@@ -120,7 +120,7 @@ def test_an_impossible_job_is_a_sentence_and_changes_nothing(sensor, answers, tm
     broken = job_main.answer(job_of(sensor, 3, HistoryEntry(tmp_path / 'gone.yaml')))
     assert not broken['success']
     assert 'gone.yaml cannot be read' in broken['message']
-    none = job_main.answer(CalibrationJob((), tmp_path, learning=Learning()))
+    none = job_main.answer(CalibrationJob((), tmp_path, history=()))
     assert 'No day has ended' in none['message']
     assert diary_path(sensor).read_bytes() == before
 

@@ -22,8 +22,8 @@ from wrist_ft_comp.stored.safe_file import from_plain, parse_json
 def answer(job: CalibrationJob) -> dict[str, Any]:
     """Run a job; give its outcome or its refusal in plain values."""
     try:
-        if job.learning is not None:
-            return learn(job, job.learning)
+        if job.history is not None:
+            return learn(job)
         if job.minute is not None:
             return _identify(job, job.minute)
         _, content = run_job(job)

@@ -28,17 +28,6 @@ _END_TIMEOUT_S = 5.0
 
 
 @dataclass(frozen=True)
-class Learning:
-    """Settings of a job that a node starts by itself; its recordings are days."""
-
-    #: Models that were live, the live one last. Days before a person's last decision are no
-    #: evidence for a change any more.
-    history: tuple[HistoryEntry, ...] = ()
-    #: How large recordings of days may be together, MB.
-    max_mb: float = 500.0
-
-
-@dataclass(frozen=True)
 class Minute:
     """A minute of motion, in which a job finds the payload; the job's output is payloads.json."""
 
@@ -69,8 +58,12 @@ class CalibrationJob:
     skip_unusable: bool = False
     #: Where a report goes, if one is wanted.
     report: Path | None = None
-    #: For a node that learns by itself: recordings are all days that have ended, oldest first.
-    learning: Learning | None = None
+    #: For a node that learns by itself, from all days that have ended, oldest first: models that
+    #: were live, the live one last. Days before a person's last decision are no evidence for a
+    #: change any more. None for all other jobs.
+    history: tuple[HistoryEntry, ...] | None = None
+    #: How large the recordings of days may be together, MB.
+    max_mb: float = 500.0
     #: For ~/identify_payload: there are no recordings then.
     minute: Minute | None = None
 
@@ -85,7 +78,7 @@ class JobProcess:
         self._process = subprocess.Popen(  # noqa: S603 -- our own command line
             (*command, str(os.getpid())), stdin=pipe, stdout=pipe, stderr=pipe,
             env={**os.environ, **ONE_THREAD}, start_new_session=True)  # fmt: skip
-        if job.learning is not None:
+        if job.history is not None:
             os.setpriority(os.PRIO_PROCESS, self._process.pid, 19)  # nobody waits for it
         self._output, self._errors = b'', b''
         # A job of many days is more than a pipe holds, and no wrench waits until it is read.

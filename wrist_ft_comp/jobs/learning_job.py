@@ -9,7 +9,7 @@ from typing import Any
 
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import save
-from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
+from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.learning import days, model_choice
 from wrist_ft_comp.learning.incidents import Day, look_at, pause
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
@@ -21,11 +21,11 @@ from wrist_ft_comp.stored.node_folder import day_of_choice, HistoryEntry, model_
 _LATE = 'This day was judged late, and no model was learnt after it.'
 
 
-def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
+def learn(job: CalibrationJob) -> dict[str, Any]:
     """Judge the newest day, and those that the diary lacks; report what cannot be saved."""
     if not job.recordings:
         raise RecordingError('No day has ended yet; there is nothing to learn from.')
-    history, directory = learning.history, job.recordings[-1].parent.parent
+    history, directory = job.history or (), job.recordings[-1].parent.parent
     live = _champion(history[-1] if history else None)
 
     def champion_of(day: str) -> model_choice.Champion:
@@ -76,7 +76,7 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
     with _noted(troubles, 'The diary is lost'):
         days.save_diary(directory, diary)
     with _noted(troubles, 'Old days stay'):
-        days.prune(directory, diary, learning.max_mb)
+        days.prune(directory, diary, job.max_mb)
     incident = ' '.join(filter(None, troubles))
     message = ' '.join(filter(None, (incident, entry.verdict, advice)))
     return {**answer, 'incident': incident, 'message': message}

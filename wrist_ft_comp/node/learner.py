@@ -10,7 +10,6 @@ from typing import Any
 
 from wrist_ft_comp import errors
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.jobs.job_process import Learning
 from wrist_ft_comp.learning import days
 from wrist_ft_comp.node.calibration_services import Jobs, run_job
 from wrist_ft_comp.node.live_model import LiveModel
@@ -165,7 +164,7 @@ class Learner(Part):
         kept_mb = 0.8 * self.hub.chosen()['learning.max_mb']  # leaves room for the present day
         job = self.jobs.make_job(
             ended, reference='payload', skip_unusable=True,
-            learning=Learning(tuple(self.live.history), kept_mb),
+            history=tuple(self.live.history), max_mb=kept_mb,
         )  # fmt: skip
         try:
             outcome = yield from run_job(job)

@@ -61,9 +61,9 @@ def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, mod
     one, two = node.asked()
     names = [[path.rsplit('/', 1)[1] for path in job['recordings']] for job in (one, two)]
     assert names == [['day_00001.csv'], ['day_00001.csv', 'day_00002.csv']]
-    (given,) = two['learning'].pop('history')
+    (given,) = two['history']
     assert (given['path'], given['sha256']) == (str(models[0].path), models[0].sha256)
-    assert two['learning'] == {'max_mb': 400.0}
+    assert two['max_mb'] == 400.0
     assert two['settings']['reference'] == 'payload'
     assert two['nice'] == 19
     status = node.rig.diagnosis('learning', 'no better model is offered')
@@ -100,7 +100,7 @@ def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
     assert node.node.live.sha256 == new.sha256, 'a decision outlives a restart'
     node.answer(success=True, message='nothing new')
     node.a_day()
-    before, after = node.asked()[-1]['learning']['history']
+    before, after = node.asked()[-1]['history']
     assert (before['day'], before['path']) == ('', str(old.path))
     assert (after['day'], after['how']) == ('day_00002.csv', 'chosen'), 'it ended the day'
     assert after['why'] == 'a person called ~/adopt: leaves half'
@@ -109,7 +109,7 @@ def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
     assert node.node.live.sha256 == old.sha256
     node.wait(lambda: node.node.learning.memory.champion == old.sha256, 'its notice')
     node.a_day()
-    *_, back = node.asked()[-1]['learning']['history']
+    *_, back = node.asked()[-1]['history']
     assert (back['day'], back['how']) == ('day_00004.csv', 'back'), 'these do not bring it back'
     assert back['path'] == str(old.path)
     assert ' to old.yaml with ~/rollback' in node.rig.diagnosis('learning').values['last_change']
@@ -135,7 +135,7 @@ def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner,
     assert 'live: leaves half' in status.values['last_change']
     assert 'offered' not in status.values
     node.a_day()
-    *_, learnt = node.asked()[-1]['learning']['history']
+    *_, learnt = node.asked()[-1]['history']
     assert (learnt['how'], learnt['day']) == ('learnt', 'day_00002.csv'), 'nobody decided'
 
 
