@@ -94,7 +94,9 @@ def save(
     # Columns of a file do not show what measured specific force; only that by TF needs no frame.
     source = job.topics.force_source or ('' if learnt.frame.does_nothing else 'imu')
     wrench_frame = next(iter(found.sensor.get('frame_id', ())), job.topics.wrench_frame)
-    frame = learnt.frame.learnt_by(source, replace(job.topics, wrench_frame=wrench_frame))
+    frame = replace(
+        learnt.frame, source=source, force_frame=job.topics.force_frame, wrench_frame=wrench_frame
+    )
     payloads, path = learnt.payloads.values(), job.output.with_name(PAYLOADS)
     try:
         names = add_payloads(path, job.output.stem, payloads, frame)

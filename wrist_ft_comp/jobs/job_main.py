@@ -1,5 +1,6 @@
 """What runs in the process of a job: it reads the job, does it, and answers in plain values."""
 
+from dataclasses import replace
 import json
 import os
 import sys
@@ -10,7 +11,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import run_job
-from wrist_ft_comp.jobs.job_process import CalibrationJob, end_with, Minute
+from wrist_ft_comp.jobs.job_process import CalibrationJob, end_with
 from wrist_ft_comp.jobs.learning_job import learn
 from wrist_ft_comp.payload.identify_payload import CHANNELS, identify
 from wrist_ft_comp.payload.weight import ForceFrame, payload_line
@@ -25,7 +26,18 @@ def answer(job: CalibrationJob) -> dict[str, Any]:
         if job.history is not None:
             return learn(job)
         if job.minute is not None:
-            return _identify(job, job.minute)
+            minute, topics = job.minute, job.topics
+            cells = np.array(minute.cells, dtype=float).reshape(-1, CHANNELS)
+            sensor = minute.sensor and ForceFrame(np.eye(3), *np.array(minute.sensor))
+            payload, frame = identify(cells, minute.period_s, sensor)
+            frame = replace(
+                frame, source=topics.force_source, force_frame=topics.force_frame,
+                wrench_frame=topics.wrench_frame)  # fmt: skip
+            (name,) = add_payloads(job.output, IDENTIFIED, [payload], frame, minute.taken)
+            message, rotation = payload_line(name, payload), frame.rotation.tolist()
+            return {
+                'success': True, 'message': f"{message} in the wrench's frame.", 'name': name,
+                'rotation': rotation}  # fmt: skip
         _, content = run_job(job)
     except (WristFtCompError, OSError) as error:
         return {'success': False, 'message': str(error)}
@@ -40,16 +52,6 @@ def answer(job: CalibrationJob) -> dict[str, Any]:
     return {
         'success': True, 'message': '\n'.join(lines), 'path': str(stored.path),
         'sha256': stored.sha256, 'document': stored.document}  # fmt: skip
-
-
-def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
-    cells = np.array(minute.cells, dtype=float).reshape(-1, CHANNELS)
-    sensor = minute.sensor and ForceFrame(np.eye(3), *np.array(minute.sensor))
-    payload, frame = identify(cells, minute.period_s, sensor)
-    frame = frame.learnt_by(job.topics.force_source, job.topics)
-    (name,) = add_payloads(job.output, IDENTIFIED, [payload], frame, minute.taken)
-    message = f"{payload_line(name, payload)} in the wrench's frame."
-    return {'success': True, 'message': message, 'name': name, 'rotation': frame.rotation.tolist()}
 
 
 def main() -> None:

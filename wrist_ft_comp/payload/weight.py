@@ -6,7 +6,7 @@ the node does with each wrench (LivePayload, MotionCollector) is in floats inste
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 from typing import NamedTuple
 
@@ -14,7 +14,6 @@ import numpy as np
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import check_range, SettingsError
-from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 
 #: Largest mass that is accepted, kg.
@@ -86,12 +85,6 @@ class ForceFrame:
     def turn(self, specific_force: FloatArray) -> FloatArray:
         """Convert measured specific forces, (…, 3), to the wrench's frame."""
         return np.asarray(((specific_force - self.bias) / self.scale) @ self.rotation.T)
-
-    def learnt_by(self, source: str, topics: Topics) -> 'ForceFrame':
-        """Add what measured the specific force, and the frame_ids of both sensors."""
-        return replace(
-            self, source=source, force_frame=topics.force_frame, wrench_frame=topics.wrench_frame
-        )
 
     def apart_deg(self, other: 'ForceFrame') -> float:
         """Compute the angle between its rotation and that of another one, degrees."""
