@@ -72,11 +72,8 @@ class LiveModel(Part):
         given = self.load(store.locate(model_file)) if model_file else None
         try:
             self.history, self._given = store.history(), store.given()
-            last = self.history[-1] if self.history else HistoryEntry(None)
-            if given and (given.path, given.sha256) == (last.path, last.sha256):
-                self.stored = given  # to read a model takes 30 ms
-            elif last.path is not None:
-                self.stored = self.load(last.path)
+            if self.history and self.history[-1].path is not None:
+                self.stored = self.load(self.history[-1].path)
         except WristFtCompError as error:
             self.problem = f'The last model cannot be used: {error}'
             last = self.history.pop() if self.history else HistoryEntry(None)
