@@ -196,7 +196,14 @@ class DayFiles:
                     f'({self._max_bytes / 1e6:.0f} MB).'
                 )
             self._measured_ns = stamp_ns
-        writer, since_ns = self._writer or self._resumed(), stamp_ns - self._last_ns
+        if self._writer is None and self.path and self.path.is_file():
+            # The day of before a restart or a full disk goes on after its last whole row.
+            with writing(self._folder):
+                if span := span_of(self.path):
+                    channels, sensor = self._channels, self._sensor()
+                    self._writer = go_on(_DayWriter, self.path, span, channels, sensor)
+                    self._first_ns, self._last_ns = span.first_ns, span.last_ns
+        writer, since_ns = self._writer, stamp_ns - self._last_ns
         ran_back, self._ran_back = self._ran_back, bool(writer) and since_ns <= 0
         late = all(isnan(values[j]) for j in self._wrench)  # temperatures from before a silence
         if self._ran_back and (late or not ran_back):
@@ -211,14 +218,6 @@ class DayFiles:
             writer = self._writer = _DayWriter(self.path, columns)
         writer.append(stamp_ns, [values[j] for j in self._columns])
         self._last_ns = stamp_ns
-
-    def _resumed(self) -> _DayWriter | None:
-        """Go on with the day of before a restart or a full disk, after its last whole row."""
-        with writing(self._folder):
-            if self.path and self.path.is_file() and (span := span_of(self.path)):
-                self._writer = go_on(_DayWriter, self.path, span, self._channels, self._sensor())
-                self._first_ns, self._last_ns = span.first_ns, span.last_ns
-        return self._writer
 
     def leave(self) -> None:
         """End the day; remove its file where it is too short and has this writer's columns."""
