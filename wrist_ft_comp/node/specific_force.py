@@ -189,7 +189,9 @@ class SpecificForceInput(Part):
         x, y, z = numbers[cdr.ACCELERATION]
         speed = math.hypot(*numbers[cdr.ROTATION])
         if math.isfinite(x + y + z):
-            self._hand_out(stamp_ns, (x, y, z), speed if speed > 0 else None)
+            at_ns = stamp_ns or self.hub.now_ns()
+            known = speed if speed > 0 else None
+            self.hub.broadcast('on_specific_force', at_ns, (x, y, z), known)
         else:
             self.unreadable += 1
 
@@ -232,12 +234,8 @@ class SpecificForceInput(Part):
                 'another TCP, then drift, payload and tare are those of the frame before; go back '
                 'to it, or call ~/tare'
             )
-        self._hand_out(at_ns, (x, y, z), float(turning) if math.isfinite(turning) else None)
-
-    def _hand_out(self, stamp_ns: int, specific_force: Vector, speed: float | None) -> None:
-        """Hand specific force to all parts; the stamp, ns, is 0 where the message has none."""
-        at_ns = stamp_ns or self.hub.now_ns()
-        self.hub.broadcast('on_specific_force', at_ns, specific_force, speed)
+        speed = float(turning) if math.isfinite(turning) else None
+        self.hub.broadcast('on_specific_force', at_ns, (x, y, z), speed)
 
     def doubt(self) -> str:
         """Say what is wrong with the messages since the last call; empty when nothing is."""
