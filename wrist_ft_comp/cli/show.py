@@ -98,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
             code = int(recording is None and not described.candidates)  # nothing could be read
             doubts = [*described.warnings]
             if recording and not refusal:
-                doubts += [*recording.warnings, *silent_stretches([recording])]
+                doubts += [*recording.warnings, *silent_stretches(recording)]
             said = tuple(doubt for doubt in dict.fromkeys(doubts) if doubt not in refusal)
             described = replace(described, warnings=said)
         words = next_commands(described, path)

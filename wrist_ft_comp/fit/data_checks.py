@@ -266,20 +266,19 @@ def runs_of(marked: BoolArray) -> list[list[int]]:
     return np.flatnonzero(np.diff(np.pad(marked, 1).astype(int))).reshape(-1, 2).tolist()
 
 
-def silent_stretches(recordings: Sequence[Recording]) -> Iterator[str]:
-    """Name thermometers that are silent for long, and pauses of everything."""
-    yield from pauses(recordings)
-    for recording in recordings:
-        for j, measured in enumerate(recording.measured.T):
-            runs, what = _unknown(recording, j, ~measured)
-            if runs:
-                begin_s, end_s = (elapsed_s(recording, cell) for cell in runs[0])
-                held = not measured[runs[0][1] :].any()
-                how = 'its last reading was held' if held else 'a straight line was drawn over it'
-                yield (
-                    f'{what}; {how}, and the drift of that time is a guess. Leave that time out: '
-                    f'--exclude {math.floor(begin_s)}..{math.ceil(end_s)}.'
-                )
+def silent_stretches(recording: Recording) -> Iterator[str]:
+    """Name thermometers that are silent for long, and a pause of everything."""
+    yield from pauses([recording])
+    for j, measured in enumerate(recording.measured.T):
+        runs, what = _unknown(recording, j, ~measured)
+        if runs:
+            begin_s, end_s = (elapsed_s(recording, cell) for cell in runs[0])
+            held = not measured[runs[0][1] :].any()
+            how = 'its last reading was held' if held else 'a straight line was drawn over it'
+            yield (
+                f'{what}; {how}, and the drift of that time is a guess. Leave that time out: '
+                f'--exclude {math.floor(begin_s)}..{math.ceil(end_s)}.'
+            )
 
 
 def pauses(recordings: Sequence[Recording]) -> Iterator[str]:

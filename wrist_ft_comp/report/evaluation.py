@@ -137,7 +137,7 @@ def range_warnings(stored: StoredModel, recording: Recording) -> Iterator[str]:
     heard = recording.measured
     if stored.model.prediction is not None:  # one that is silent is predicted by the others
         heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
-    yield from silent_stretches([replace(recording, measured=heard)])
+    yield from silent_stretches(replace(recording, measured=heard))
     for find in (replayed.thermometer_doubts, replayed.exchange_doubts):
         for doubt, share in find(stored.model, recording).items():
             yield f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
