@@ -13,7 +13,6 @@ from wrist_ft_comp.drift.drift_model import AxisModel, StoredModel
 from wrist_ft_comp.fit.folds import averaged_cells, averaged_s, mean_over
 from wrist_ft_comp.fit.result import AxisFit, Calibration, HeldOut, rms_by_fold
 from wrist_ft_comp.payload.mounted_payloads import COUNTS
-from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, Topics
 from wrist_ft_comp.report import advice as advices
@@ -173,6 +172,14 @@ def calibration_content(
     if len(recordings) == 1 and first.tared:
         minutes = recordings[0].duration_s / len(np.unique(first.fold)) / 60
         legend = f'before: RMS in parts of {minutes:.0f} min. left: RMS, enlarged to a day.'
+    at_work = ''
+    if work is not None:
+        counts, cells = work.fit.weights > COUNTS, sum(map(len, work.recordings))
+        share, pushed = counts.sum() / cells, (work.cells.usable & ~counts).sum() / cells
+        at_work = (
+            f'The model was learnt from {share:.0%} of the time. {pushed:.0%} were taken for '
+            'contact; in the rest the robot turned fast, or specific force was missing.'
+        )
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
@@ -182,7 +189,7 @@ def calibration_content(
         f'of the others. Errors are means over {first.bin_s:g} s. Reference: {reference}.',
         axes=tuple(axes), advice=advices.advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
-        payloads=calibration.payloads, at_work='' if work is None else _at_work(work))  # fmt: skip
+        payloads=calibration.payloads, at_work=at_work)  # fmt: skip
 
 
 def evaluation_content(
@@ -282,14 +289,3 @@ def _slowest_s(fit: AxisFit) -> float:
     """Find the slowest time constant that was searched, s; those of a bank are given."""
     pairs = zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
     return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
-
-
-def _at_work(separation: Separation) -> str:
-    """Say how much of the time counted."""
-    counts, usable = separation.fit.weights > COUNTS, separation.cells.usable
-    cells = sum(len(recording) for recording in separation.recordings)
-    share, pushed = counts.sum() / cells, (usable & ~counts).sum() / cells
-    return (
-        f'The model was learnt from {share:.0%} of the time. {pushed:.0%} were taken for contact; '
-        'in the rest the robot turned fast, or specific force was missing.'
-    )
