@@ -1,6 +1,5 @@
 """How a table is written: delimiter, header, units, numbers, and the forms of its times."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 import csv
@@ -9,6 +8,7 @@ from datetime import datetime
 from decimal import Decimal
 from math import nan
 import re
+from statistics import mode
 from typing import Any
 
 import numpy as np
@@ -193,11 +193,11 @@ def find_header(as_written: Sequence[str], columns_before: int, table: str) -> H
 
     lines_above = [line for line in lines[:first] if line.strip('-=+|_ \t')]
     told = _numbered(lines_above, width)
-    above = _rows_above([] if told else lines_above, columns, delimiter)
+    filled = max((k + 1 for k, cells in enumerate(columns) if any(cells)), default=0)
+    above = _rows_above([] if told else lines_above, filled, width, delimiter)
     names = next(filter(_is_of_names, above), above[-1] if above else [])
     widest = max(map(len, rows[:first]), default=width)
     has_points = any('.' in cell for row in last for cell in row if NUMBER.fullmatch(cell))
-    filled = max((k + 1 for k, cells in enumerate(columns) if any(cells)), default=0)
     # A decimal comma makes two cells of one.
     are_cut = delimiter == ',' and not has_points and widest + 1 < filled <= 2 * widest
     if names and are_cut:
@@ -248,12 +248,9 @@ def find_header(as_written: Sequence[str], columns_before: int, table: str) -> H
         doubt=next(doubts, ''), decimal=decimal, thousands=thousands)  # fmt: skip
 
 
-def _rows_above(
-    lines: Sequence[str], columns: Sequence[tuple[str, ...]], delimiter: str
-) -> list[list[str]]:
+def _rows_above(lines: Sequence[str], filled: int, width: int, delimiter: str) -> list[list[str]]:
     """Cut those next to the first row that are as wide: of units, of statistics, and of names."""
     above: list[list[str]] = []
-    filled = max((place + 1 for place, cells in enumerate(columns) if any(cells)), default=0)
     for line in reversed(lines):
         is_comment = line.startswith(COMMENTS)
         cells = cut_line(line.lstrip('#%/') if is_comment else line, delimiter)
@@ -261,7 +258,7 @@ def _rows_above(
         cells = cells if len(cells) < 2 else [*[''] * (filled - len(cells)), *cells]
         while cells and not cells[-1]:
             cells.pop()
-        if cells and filled <= len(cells) <= len(columns) + 1:
+        if cells and filled <= len(cells) <= width + 1:
             above.append(cells)
         elif cells and (above or not is_comment):
             break
@@ -279,7 +276,7 @@ def _numbered(lines: Sequence[str], width: int) -> dict[int, str]:
 
 def _of_one_width(rows: list[list[str]]) -> list[list[str]]:
     """Keep the rows that have as many cells as most."""
-    ((width, _),) = Counter(map(len, rows)).most_common(1) or [(0, 0)]
+    width = mode(map(len, rows)) if rows else 0
     return [row for row in rows if len(row) == width]
 
 
