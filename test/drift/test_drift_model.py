@@ -95,19 +95,6 @@ def wandering_c():
     return track
 
 
-def textbook_run(axis, wandering_c):
-    """Clamp, filter, take powers, score, run the latents, load; one after the other."""
-    margin = 3 * (UPPER_C - LOWER_C)
-    held = np.minimum(np.maximum(wandering_c, LOWER_C - margin), UPPER_C + margin)
-    filters = axis.filters or (static_gain(),)
-    filtered = [free_run(latent, held[:, j]) for latent in filters for j in (0, 1)]
-    x = axis.features.expand(np.stack(filtered, axis=1))  # see test_features
-    dynamics = axis.dynamics
-    t = ((x - dynamics.input_mean) * dynamics.input_weight) @ dynamics.rotations
-    u = np.stack([free_run(h, t[:, r]) for r, h in enumerate(dynamics.latents)], axis=1)
-    return dynamics.output_mean + u @ dynamics.output_loadings.T / dynamics.output_weight
-
-
 every_form = pytest.mark.parametrize(
     ('filters', 'latents'),
     [
@@ -121,10 +108,18 @@ every_form = pytest.mark.parametrize(
 @every_form
 @pytest.mark.parametrize('outputs', [1, 2])
 def test_a_run_is_the_textbook_loop(wandering_c, filters, latents, outputs):
+    """Clamp, filter, take powers, score, run the latents, load; one after the other."""
     axis = make_axis(filters, latents, outputs)
     assert (axis.thermometers, axis.outputs) == (2, outputs)
     _, track = axis.run(axis.start(wandering_c[0]), wandering_c)
-    expected = textbook_run(axis, wandering_c)
+    margin = 3 * (UPPER_C - LOWER_C)
+    held = np.minimum(np.maximum(wandering_c, LOWER_C - margin), UPPER_C + margin)
+    filtered = [free_run(one, held[:, j]) for one in filters or (static_gain(),) for j in (0, 1)]
+    x = axis.features.expand(np.stack(filtered, axis=1))  # see test_features
+    dynamics = axis.dynamics
+    t = ((x - dynamics.input_mean) * dynamics.input_weight) @ dynamics.rotations
+    u = np.stack([free_run(h, t[:, r]) for r, h in enumerate(latents)], axis=1)
+    expected = dynamics.output_mean + u @ dynamics.output_loadings.T / dynamics.output_weight
     assert track.shape == (120, outputs)
     np.testing.assert_allclose(track, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 

@@ -17,10 +17,10 @@ KELLER = ROOT / 'data/keller_pa10'
 TABLES = {'table1_sensor_a_raw.csv': 7, 'table2_sensor_b_raw.csv': 8}
 
 
-def convert(*words, folder='.'):
+def convert(*words):
     """Run the script; what it printed, and what it refused with."""
-    command = [sys.executable, SCRIPT, *map(str, words)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    command = [sys.executable, SCRIPT, *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     return done.stdout, done.stderr
 
 

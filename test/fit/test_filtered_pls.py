@@ -10,14 +10,14 @@ from wrist_ft_comp.fit.pls import fit_filtered_pls, scale_block
 CELLS, PERIOD_S = 400, 10.0
 
 
-def drawn_block(inputs=4, outputs=2, recordings=2, seed=0):
-    """Correlated inputs that wander, outputs that follow them late and with noise."""
-    rng = np.random.default_rng(seed)
+def drawn_block(outputs):
+    """Two recordings: correlated inputs wander, outputs follow them late and with noise."""
+    rng = np.random.default_rng(0)
     x, y = [], []
-    for _ in range(recordings):
-        steps = rng.standard_normal((CELLS, inputs)) @ rng.standard_normal((inputs, inputs))
+    for _ in range(2):
+        steps = rng.standard_normal((CELLS, 4)) @ rng.standard_normal((4, 4))
         x.append(np.cumsum(steps, axis=0) + 30.0)
-        late = relax(x[-1], 200.0) @ rng.standard_normal((inputs, outputs))
+        late = relax(x[-1], 200.0) @ rng.standard_normal((4, outputs))
         y.append(late + rng.standard_normal((CELLS, outputs)) + 50.0 * rng.standard_normal())
     return x, y
 
@@ -59,7 +59,7 @@ def textbook(block, time_constants_s):
 @pytest.mark.parametrize('constants', [(300.0,), (0.0, 200.0), (1000.0, 0.0, 50.0, 200.0)])
 @pytest.mark.parametrize('outputs', [1, 2])
 def test_the_model_is_that_of_the_textbook(constants, outputs):
-    block = drawn_block(outputs=outputs)
+    block = drawn_block(outputs)
     model, notes = fit_filtered_pls(scale_block(*block), constants, PERIOD_S)
     expected = textbook(block, constants)
     size = np.abs(expected).max()

@@ -19,13 +19,12 @@ def start_recording(rig):
     return path
 
 
-def feed(rig, cells, *, first=0, per_cell=4, celsius=(25.0,)):
-    """Send cells of wrenches that count up, and temperatures; return the wrenches, per cell."""
+def feed(rig, cells, *, first=0, celsius=(25.0,)):
+    """Send cells of four wrenches that count up, and temperatures; return the wrenches by cell."""
     sent = []
     for cell in range(first, first + cells):
-        stamps = START + cell * SECOND + np.arange(per_cell) * (SECOND // per_cell)
-        wrenches = np.arange(per_cell)[:, np.newaxis] + np.full(6, 10.0 * cell)
-        rig.stream(stamps, wrenches)
+        wrenches = np.arange(4)[:, np.newaxis] + np.full(6, 10.0 * cell)
+        rig.stream(START + cell * SECOND + np.arange(4) * (SECOND // 4), wrenches)
         rig.warm(START + cell * SECOND + SECOND // 2, *(value + 0.1 * cell for value in celsius))
         sent.append(wrenches)
     return sent
