@@ -142,7 +142,9 @@ def test_what_is_wrong_with_an_imu_is_said(start):
     assert part.doubt() == 'imu has 2 publishers; their readings are mixed'
     hub.publishers, hub.incompatible = 1, {'imu': 'too little is offered'}
     assert part.doubt() == 'too little is offered'
-    hub.incompatible = {}
+    hub.incompatible, hub.types = {}, {'imu': ['geometry_msgs/msg/AccelStamped']}
+    assert part.doubt() == 'imu carries geometry_msgs/AccelStamped, not sensor_msgs/Imu'
+    hub.types = {}
     part.on_imu(b'nonsense')
     assert part.doubt() == '1 messages of the IMU could not be read, or hold no numbers'
     assert part.doubt() == ''
