@@ -5,7 +5,7 @@ This is the story; what each step decides is in the file that it is named after.
 """
 
 from collections import ChainMap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -24,6 +24,7 @@ from wrist_ft_comp.fit.axis_data import (
     MIN_SAMPLES,
 )
 from wrist_ft_comp.fit.folds import assign_folds
+from wrist_ft_comp.fit.odd_days import exchanged_days, unlike_days
 from wrist_ft_comp.fit.outliers_and_steps import begin_where_tared, MOVING, segment
 from wrist_ft_comp.fit.paper_methods import identify_paper_method
 from wrist_ft_comp.fit.result import AxisFit, Calibration
@@ -32,11 +33,7 @@ from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import IntArray, Progress, rounded
-from wrist_ft_comp.stream.drift_of_recordings import exchange_doubts
 from wrist_ft_comp.stream.failed_thermometers import stands_s
-
-#: An odd day is looked for among up to this many, because each takes a fit without it.
-_MOST_DAYS = 10
 
 
 def calibrate(
@@ -74,8 +71,8 @@ def calibrate(
     if begun:
         with suppress(WristFtCompError):  # segments may be too short for an ARX
             again = _learn(tared, axes, folds, settings)
-            both = [(fits[axis], fit) for axis, fit in again[0].items() if axis in fits]
-            if any(2 * b.rms_after * a.rms_before < a.rms_after * b.rms_before for a, b in both):
+            both = [(fit, fits[axis]) for axis, fit in again[0].items() if axis in fits]
+            if any(2 * tared_fit.share_left < fit.share_left for tared_fit, fit in both):
                 (fits, model, said), stepped = again, stepped + begun
     # Say what to doubt.
     sensors = {f'in recording {n}, {one.name}': one.sensor for n, one in enumerate(recordings, 1)}
@@ -83,13 +80,7 @@ def calibrate(
     if apart := differences(sensors):
         warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
     warnings += [*dropped, *stepped, *said, *doubts]
-    # Each day is asked by the others, of which two agree, whether its thermometers are exchanged.
-    for i, recording in enumerate(recordings if len(recordings) > 2 and model.prediction else ()):
-        others = [*recordings[:i], *recordings[i + 1 :]]
-        judge = replace(model, prediction=predict_each_other(others, assign_folds(others)))
-        warnings += [
-            f'In {recording.name}, {doubt}.' for doubt in exchange_doubts(judge, recording)
-        ]
+    warnings += exchanged_days(recordings, model)
     warnings += work.warnings if work else ()
     unexplained = [
         f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
@@ -103,33 +94,17 @@ def calibrate(
             'did something touch it? Or does no thermometer see the heat? Record again standing '
             'still, or with the specific force (--reference payload).'
         )
-        warnings += _odd_days(recordings, axes, settings, fits)
+        warnings += unlike_days(
+            recordings,
+            fits,
+            lambda others: _learn(others, axes, assign_folds(others), settings)[0],
+        )
     return Calibration(
         model=model, fits=fits, temperature_range_c=ranges_c, warnings=tuple(warnings),
         duration_s=sum(recording.duration_s for recording in recordings),
         sources=tuple(recording.name for recording in recordings),
         settings=settings, payloads=work.payloads if work else None, separation=work,
         sensor=ChainMap(*map(dict, sensors.values())))  # fmt: skip
-
-
-def _odd_days(
-    recordings: Sequence[Recording],
-    axes: Sequence[str],
-    settings: CalibrationSettings,
-    fits: Mapping[str, AxisFit],
-) -> Iterator[str]:
-    """Name each recording without which less than half as much of an axis' drift is left."""
-    for i, recording in enumerate(recordings if 2 < len(recordings) <= _MOST_DAYS else ()):
-        others = [*recordings[:i], *recordings[i + 1 :]]
-        with suppress(WristFtCompError):
-            for axis, fit in _learn(others, axes, assign_folds(others), settings)[0].items():
-                share = fit.rms_after / fit.rms_before if fit.rms_before else 1.0
-                if 2 * share * fits[axis].rms_before < fits[axis].rms_after:
-                    yield (
-                        f'Without {recording.name} {100 * share:.0f} % of the drift of {axis} is '
-                        'left. Is it of another sensor, unit or direction? Mend or leave it out.'
-                    )
-                    break
 
 
 def _learn(

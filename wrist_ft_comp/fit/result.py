@@ -102,6 +102,11 @@ class AxisFit:
     #: where nothing is tared, as for a chamber test.
     largest_drift: float = np.nan
 
+    @property
+    def share_left(self) -> float:
+        """Share of the drift that is left; 1 where nothing drifted."""
+        return self.rms_after / self.rms_before if self.rms_before else 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
