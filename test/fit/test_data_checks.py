@@ -1,5 +1,7 @@
 """Channels that do not measure: dead, stuck, or thermometers that say nothing of their own."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.data_checks import (
     drop_stuck_cells,
     drop_unknown_temperatures,
+    frozen_at_the_end,
     jumping_thermometers,
 )
 
@@ -76,8 +79,18 @@ def test_a_thermometer_that_was_frozen_all_day_is_known_by_its_other_days(make_r
     # One of few digits keeps a value now and then, but not for hours while another moves.
     coarse = np.round(warm_up(CELLS, 2), 1)
     assert drop_unknown_temperatures([day('few digits', warm_up(CELLS, 3), coarse)])[1] == []
-    coarse[100:350] = coarse[100]
-    (said,) = drop_unknown_temperatures([day('freezes', warm_up(CELLS, 3), coarse)])[1]
+    frozen = coarse.copy()
+    frozen[:350] = frozen[349]
+    assert drop_unknown_temperatures([day('rests', warm_up(CELLS, 3), frozen)])[1] == []
+    frozen = coarse.copy()
+    frozen[100:350] = frozen[100] - 5.0
+    assert abs(frozen[350] - frozen[349]) > 1.3
+    (said,) = drop_unknown_temperatures([day('freezes', warm_up(CELLS, 3), frozen)])[1]
     assert said.startswith('Thermometer 2 of freezes keeps one value for 25')
+    frozen = coarse.copy()
+    frozen[40:] = frozen[40]
+    (said,) = frozen_at_the_end([day('freezes', warm_up(CELLS, 3), frozen)])
+    assert re.match('Thermometer 2 of freezes keeps one value from .* while it moved by', said)
+    assert frozen_at_the_end([day('healthy', warm_up(CELLS, 3), coarse), sound]) == []
     # A coarse one keeps a value while nothing moves.
     assert drop_unknown_temperatures([sound, day('rest', still, still)])[1] == []

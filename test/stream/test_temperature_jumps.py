@@ -65,6 +65,19 @@ def test_a_jump_is_one_where_a_thermometer_does_not_usually_step_as_far(
         read_c[back:] += by_k
 
 
+@pytest.mark.parametrize(('by_k', 'tau_s'), [(0.9, 5), (1.9, 60), (-1.4, 10)])
+def test_a_jump_that_comes_back_by_itself_is_told_for_as_long(by_k, tau_s):
+    at = np.arange(1800)
+    read_c = 25.0 + np.random.default_rng(1).normal(0, 0.02, len(at)) + at / 1000
+    disturbed_c = read_c + by_k * np.where(at < 900, 0.0, np.exp(-(at - 900) / tau_s))
+    spikes, told = SpikeFilter(), 0
+    for second, celsius in zip(at.tolist(), disturbed_c.tolist(), strict=True):
+        spikes.admit(second * SECOND, celsius)
+        told += spikes.stayed_k != 0.0
+    assert 0 < told < 180
+    assert spikes.jump.off_k == 0.0
+
+
 def test_a_jump_is_told_until_it_comes_back_or_a_tare():
     """However little the model remembers; the sentence is one of the zero's doubts."""
     compensator, at = Compensator(1), 0

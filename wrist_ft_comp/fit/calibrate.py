@@ -56,7 +56,10 @@ def calibrate(
     recordings, dropped = checks.drop_stuck_cells(recordings)
     axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
     recordings, doubts = checks.drop_unknown_temperatures(recordings)
-    for find in (checks.pauses, checks.idle_thermometers, checks.jumping_thermometers):
+    for find in (
+        checks.pauses, checks.idle_thermometers, checks.jumping_thermometers,
+        checks.frozen_at_the_end,
+    ):  # fmt: skip
         doubts += find(recordings)
     # Begin a segment at each step of a still load.
     recordings, stepped = segment(recordings, reference)

@@ -207,7 +207,10 @@ def drop_unknown_temperatures(recordings: Sequence[Recording]) -> Cleaned:
         asked_c = reported_c if others_moved else [own_c]
         for j, measured in enumerate(recording.measured.T):
             frozen, *_ = _find_stuck([own_c[j], *(of_one[j] for of_one in asked_c)])
-            runs, what = _unknown(recording, j, ~measured | frozen | _stands_still(recording, j))
+            begin, end, moved_k = _long_stand(recording, j)
+            if moved_k and measured[end:].any():
+                frozen[begin:end] = True
+            runs, what = _unknown(recording, j, ~measured | frozen)
             for first, last in runs:
                 wrench[first:last] = np.nan
             if np.isfinite(wrench).sum() < np.isfinite(recording.wrench).sum() / 2:
@@ -222,20 +225,47 @@ def drop_unknown_temperatures(recordings: Sequence[Recording]) -> Cleaned:
     return sound, sentences
 
 
-def _stands_still(recording: Recording, j: int) -> BoolArray:
-    """Mark where a thermometer keeps a value far longer than ever else, while another moves."""
-    still, at = np.zeros(len(recording), dtype=bool), np.flatnonzero(recording.measured[:, j])
+def _long_stand(recording: Recording, j: int) -> tuple[int, int, float]:
+    """
+    Find the cells in which a thermometer kept a value far longer than ever else, if it did.
+
+    Gives how far it moved after it, too, K, or, where it keeps the value to the end, how far the
+    others moved it in that time, by what they did before. A healthy one leaves its value by one
+    step of its resolution: what is less than that and LEAST_RANGE_K counts as none.
+    """
+    at = np.flatnonzero(recording.measured[:, j])
     read_c = recording.temperature_c[at, j]
     stands = stands_s(read_c, 1.0).astype(int)
-    if len(stands) > 1:  # one that never moves is named by idle_thermometers
-        longest, end = stands.argmax(), stands.cumsum()
-        first, last = at[end[longest] - stands[longest]], at[end[longest] - 1]
-        steps_k = np.abs(np.diff(read_c))
-        others_k = np.ptp(np.delete(recording.temperature_c[first : last + 1], j, 1), axis=0)
-        moved_k = LEAST_RANGE_K + 2 * steps_k[steps_k > 0].min()
-        is_long = stands[longest] > _STANDS * np.sort(stands)[-2]
-        still[first : last + 1] = is_long and others_k.max(initial=0.0) > moved_k
-    return still
+    # One that never moves is named by idle_thermometers.
+    if len(stands) < 2 or stands.max() <= _STANDS * np.sort(stands)[-2]:
+        return 0, 0, 0.0
+    end = stands.cumsum()[stands.argmax()]
+    begin = end - stands.max()
+    if end < len(at):
+        moved_k = abs(read_c[end] - read_c[end - 1])
+    else:
+        others = np.insert(np.delete(recording.temperature_c[at], j, axis=1), 0, 1.0, axis=1)
+        slopes = np.linalg.lstsq(others[:begin], read_c[:begin], rcond=None)[0]
+        moved_k = np.ptp(others[begin:] @ slopes)
+    steps_k = np.abs(np.diff(read_c))
+    is_long = (at[end - 1] - at[begin]) * recording.period_s > LONG_SILENCE_S
+    is_odd = is_long and moved_k > LEAST_RANGE_K + 2 * steps_k[steps_k > 0].min()
+    return int(at[begin]), int(at[end - 1]) + 1, float(moved_k * is_odd)
+
+
+def frozen_at_the_end(recordings: Sequence[Recording]) -> list[str]:
+    """Doubt thermometers that keep a value to the end, while the others say that they moved."""
+    sentences = []
+    for recording in recordings:
+        for j in range(recording.thermometers):
+            begin, end, moved_k = _long_stand(recording, j)
+            if moved_k and not recording.measured[end:, j].any():
+                sentences.append(
+                    f'Thermometer {j + 1} of {recording.name} keeps one value from '
+                    f'{time_in(recording, begin)} to the end, while it moved by {moved_k:.1f} K '
+                    'by what the others read: is it frozen? Then leave that time out (--until).'
+                )
+    return sentences
 
 
 def _unknown(recording: Recording, j: int, absent: BoolArray) -> tuple[list[tuple[int, int]], str]:

@@ -23,8 +23,9 @@ _JUMP_K_S = 0.2
 #: What is believed jumps from this on, K, where a thermometer does not usually step as far: by
 #: more than so many times what it did in some hundred readings that differed from each other.
 _LEAST_JUMP_K, _USUAL_STEPS, _FORGET = 0.5, 3.0, 0.99
-#: A smaller jump than JUMP_K, after which it comes back within this time, moves no drift, s.
-_BRIEF_S = 60.0
+#: After a jump of less than JUMP_K a reading may come back by itself within this time, s, as after
+#: a draught, or from a filter of the driver; within the shorter one that moves no drift.
+_COMES_BACK_S, _BRIEF_S = 600.0, 180.0
 #: Wrists warm and cool by no more than this, K/s, unless they were seen to.
 FASTEST_K_S = 0.02
 #: A start takes the body as soaked at the temperatures after this time, s, because a first reading
@@ -80,6 +81,8 @@ class SpikeFilter:
         self.jump = Jump()
         #: How far it steps from reading to reading, where it does, K: noise, or its resolution.
         self._usual_k = JUMP_K
+        #: What was read before a jump from which it may come back by itself.
+        self._before: Reading | None = None
         #: Since the start, and those that were left out since the last one that was believed.
         self._believed: _Run | None = None
         self._other: _Run | None = None
@@ -115,6 +118,8 @@ class SpikeFilter:
             if run is not None:
                 run.begin_ns += by_ns
                 run.last = run.last[0] + by_ns, run.last[1]
+        if self._before is not None:
+            self._before = self._before[0] + by_ns, self._before[1]
         if self.jump.at_ns is not None:
             self.jump = self.jump._replace(at_ns=self.jump.at_ns + by_ns)
 
@@ -128,10 +133,15 @@ class SpikeFilter:
         agrees = other is not None and not _apart(other.last, sample)
         if not _apart(believed.last, sample):
             self._believed, self._other = _Run(believed.begin_ns, sample, believed.count + 1), None
+            by_k = 0.0
+            if self._jumps(believed.last, sample):  # believed, but no wrist does so
+                by_k = temperature_c - believed_c
             if other is not None and agrees:  # over a gap, both may have cooled
-                self.note_jump(stamp_ns, other.last[1] - believed_c)
-            elif self._jumps(believed.last, sample):  # believed, but no wrist does so
-                self.note_jump(stamp_ns, temperature_c - believed_c)
+                by_k = other.last[1] - believed_c
+            if by_k:
+                self.note_jump(stamp_ns, by_k)
+                self._before = self._before or believed.last
+            self._look_back(sample)
             return True
         begin_ns = other.begin_ns if other is not None and agrees else stamp_ns
         lasted_ns = believed_ns - believed.begin_ns
@@ -155,11 +165,22 @@ class SpikeFilter:
         """Whether a thermometer moved farther than it usually does, and than a wrist warms."""
         step_k, elapsed_s = abs(sample[1] - before[1]), abs(sample[0] - before[0]) / NANOSECONDS
         usual_k = max(_USUAL_STEPS * self._usual_k, _LEAST_JUMP_K)
-        if step_k > min(usual_k + _JUMP_K_S * elapsed_s, JUMP_K + FASTEST_K_S * elapsed_s):
-            return True
-        if step_k:
+        if step_k:  # one that gets noisy gets usual
             self._usual_k = max(step_k, _FORGET * self._usual_k)
-        return False
+        limit_k = min(usual_k + _JUMP_K_S * elapsed_s, JUMP_K + FASTEST_K_S * elapsed_s)
+        return step_k > limit_k
+
+    def _look_back(self, sample: Reading) -> None:
+        """Take that a jump has ended where a reading comes back to what it was, however slowly."""
+        if self._before is None:
+            return
+        lasted_s = (sample[0] - self._before[0]) / NANOSECONDS
+        if lasted_s > _COMES_BACK_S:
+            self._before = None
+        elif abs(sample[1] - self._before[1]) < _LEAST_JUMP_K:
+            off_k = 0.0 if lasted_s < _BRIEF_S else self.jump.by_k or self.jump.off_k
+            self.jump = Jump(0.0, sample[0], off_k) if off_k else Jump()
+            self._before = None
 
     def note_jump(self, stamp_ns: int, by_k: float) -> None:
         """Take a jump to a temperature that is believed, unless a prediction is used instead."""
@@ -167,11 +188,7 @@ class SpikeFilter:
             return
         off_k, sum_k = self.stayed_k, self.stayed_k + by_k
         came_back = off_k * by_k < 0 and abs(sum_k) < JUMP_K  # it may have warmed meanwhile
-        lasted_s = (stamp_ns - (self.jump.at_ns or 0)) / NANOSECONDS
-        if came_back and lasted_s < _BRIEF_S and abs(off_k) < JUMP_K:
-            self.jump = Jump()
-        else:
-            self.jump = Jump(0.0 if came_back else sum_k, stamp_ns, off_k)
+        self.jump = Jump(0.0 if came_back else sum_k, stamp_ns, off_k)
 
     def end_jump(self, now_ns: int) -> None:
         """Take that a jump that stayed has ended."""
