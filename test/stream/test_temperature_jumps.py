@@ -78,6 +78,18 @@ def test_a_jump_that_comes_back_by_itself_is_told_for_as_long(by_k, tau_s):
     assert spikes.jump.off_k == 0.0
 
 
+@pytest.mark.parametrize(('times_s', 'steps_k'), [((900, 930), (1.9, -0.8)), ((920,), (2.2,))])
+def test_a_contact_that_wobbles_or_is_put_back_is_told(times_s, steps_k):
+    at = np.arange(1800)
+    read_c = 25.0 + np.random.default_rng(1).normal(0, 0.02, len(at)) + at / 1000
+    for time_s, step_k in zip(times_s, steps_k, strict=True):
+        read_c[time_s:] += step_k
+    spikes = SpikeFilter()
+    for second in (*range(900), *range(times_s[0], 1800)):
+        spikes.admit(second * SECOND, float(read_c[second]))
+    assert spikes.stayed_k > sum(steps_k) - 0.2
+
+
 def test_a_jump_is_told_until_it_comes_back_or_a_tare():
     """However little the model remembers; the sentence is one of the zero's doubts."""
     compensator, at = Compensator(1), 0

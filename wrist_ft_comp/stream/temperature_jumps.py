@@ -167,7 +167,8 @@ class SpikeFilter:
         usual_k = max(_USUAL_STEPS * self._usual_k, _LEAST_JUMP_K)
         if step_k:  # one that gets noisy gets usual
             self._usual_k = max(step_k, _FORGET * self._usual_k)
-        limit_k = min(usual_k + _JUMP_K_S * elapsed_s, JUMP_K + FASTEST_K_S * elapsed_s)
+        # A motor's thermometer may be faster than a wrist; one that is read seldom is not known.
+        limit_k = min(usual_k + 2 * FASTEST_K_S * elapsed_s, JUMP_K + FASTEST_K_S * elapsed_s)
         return step_k > limit_k
 
     def _look_back(self, sample: Reading) -> None:
@@ -187,7 +188,10 @@ class SpikeFilter:
         if self._is_replaced:
             return
         off_k, sum_k = self.stayed_k, self.stayed_k + by_k
-        came_back = off_k * by_k < 0 and abs(sum_k) < JUMP_K  # it may have warmed meanwhile
+        # It may have warmed meanwhile.
+        lasted_s = (stamp_ns - (self.jump.at_ns or stamp_ns)) / NANOSECONDS
+        warmed_k = min(_LEAST_JUMP_K + FASTEST_K_S / 2 * lasted_s, JUMP_K)
+        came_back = off_k * by_k < 0 and abs(sum_k) < warmed_k
         self.jump = Jump(0.0 if came_back else sum_k, stamp_ns, off_k)
 
     def end_jump(self, now_ns: int) -> None:
