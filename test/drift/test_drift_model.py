@@ -18,17 +18,9 @@ from wrist_ft_comp.errors import ModelFileError
 TRUTH = {'force_x': (0.5, 1e-3, 40.0), 'force_z': (-2.0, 0.0, 300.0), 'torque_y': (0.03, 2e-3, 9)}
 
 
-@pytest.fixture(scope='module')
-def model(make_model):
-    return make_model(TRUTH, thermometers=2)
-
-
-@pytest.fixture(scope='module')
-def temperature_c():
-    return 20 + np.cumsum(np.random.default_rng(0).standard_normal((80, 2)), axis=0)
-
-
-def test_drift_is_the_textbook_lag_on_its_axes_and_zero_on_others(model, temperature_c, lagged):
+def test_drift_is_the_textbook_lag_on_its_axes_and_zero_on_others(make_model, lagged):
+    model = make_model(TRUTH, thermometers=2)
+    temperature_c = 20 + np.cumsum(np.random.default_rng(0).standard_normal((80, 2)), axis=0)
     _, track = drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)
     mean_theta = temperature_c.mean(axis=1) - 20
     for i, axis in enumerate(AXES):

@@ -131,19 +131,15 @@ def test_no_day_is_forgotten_because_the_sensor_changed_later():
     assert days.good_days(entries) == entries[5:], 'other thermometers are of another sensor'
 
 
-@pytest.fixture
-def recorded(tmp_path):
-    """Six recordings of 1 MB, and their diary: only the first had its temperatures alone."""
+def test_bytes_are_bounded_and_a_recording_that_nobody_judged_stays(tmp_path):
+    """Of six recordings of 1 MB only the first had its temperatures alone."""
     (tmp_path / 'days').mkdir()
     entries = []
     for n in range(1, 7):
         (tmp_path / f'days/day_0000{n}.csv').write_bytes(b'x' * 1_000_000)
         known = ((99, 0),) if n == 1 else DAY.known
         entries.append(replace(DAY, name=f'day_0000{n}.csv', kind='', known=known))
-    return days.Diary(tuple(entries))
-
-
-def test_bytes_are_bounded_and_a_recording_that_nobody_judged_stays(recorded, tmp_path):
+    recorded = days.Diary(tuple(entries))
     for max_mb, kept in (6.1, [1, 2, 3, 4, 5, 6]), (5.1, [1, 3, 4, 5, 6]), (3.5, [1, 5, 6]):
         days.prune(tmp_path, recorded, max_mb)
         assert [int(path.name[8]) for path in days.day_files(tmp_path)] == kept

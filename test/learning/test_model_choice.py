@@ -28,17 +28,6 @@ def good(separated):
     return calibrate(days, replace(QUICK, reference='recorded')).model
 
 
-@pytest.fixture
-def bad(good):
-    """One that takes drift off twice."""
-
-    def doubled(axis):
-        weight = axis.dynamics.output_weight / 2
-        return replace(axis, dynamics=replace(axis.dynamics, output_weight=weight))
-
-    return replace(good, axes={name: doubled(axis) for name, axis in good.axes.items()})
-
-
 def past(look, champion, *numbers):
     entries = []
     for number in numbers:
@@ -60,8 +49,14 @@ def test_all_days_replace_the_live_model_unless_they_leave_clearly_more(look, go
         assert ('It is not used' in choice.entry.verdict) != taken
 
 
-def test_days_before_a_decision_do_not_bring_a_model_back(look, bad):
-    """Three good days after it do, where the chosen model leaves more."""
+def test_days_before_a_decision_do_not_bring_a_model_back(look, good):
+    """Three good days after it do, where the chosen model leaves more: it corrects twice."""
+
+    def doubled(axis):
+        weight = axis.dynamics.output_weight / 2
+        return replace(axis, dynamics=replace(axis.dynamics, output_weight=weight))
+
+    bad = replace(good, axes={name: doubled(axis) for name, axis in good.axes.items()})
     champion = Champion('a' * 12, bad, NAMES[1])
     for number, learnt in ((4, False), (5, True)):
         before = past(look, champion, *range(1, number))

@@ -12,20 +12,11 @@ START = 1_700_000_000 * SECOND
 CONSTANT = np.array([3.0, -4.0, 5.0, 0.1, -0.2, 0.3])
 
 
-@pytest.fixture
-def tool():
-    """A tool, and an accelerometer that is crooked, biased and of the wrong scale."""
+def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(make_model):
+    """By an accelerometer that is crooked, biased and of the wrong scale."""
     rotation = Rotation.from_rotvec([0, 0, 0.3]).as_matrix()
     frame = ForceFrame(rotation, np.array([0.1, -0.2, 0.3]), np.array([1.02, 0.97, 1.0]))
-    return LivePayload('tool-1', Payload(1.5, np.array([0.01, -0.02, 0.06])), frame)
-
-
-def measured(frame, true):
-    """What an accelerometer says of a specific force in the wrench's frame."""
-    return tuple((frame.rotation.T @ true * frame.scale + frame.bias).tolist())
-
-
-def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(tool, make_model):
+    tool = LivePayload('tool-1', Payload(1.5, np.array([0.01, -0.02, 0.06])), frame)
     assert str(tool) == 'tool-1, 1.5000 kg at (0.0100, -0.0200, 0.0600) m'
     model = make_model({'force_z': (0.4, 2e-3, 1e-9), 'torque_x': (0.01, 0.0, 1e-9)})
     compensator = Compensator(1, StreamSettings(), model)
@@ -34,6 +25,9 @@ def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(tool, make_model):
     drift, stamp = compensator.compensation, START + 2 * SECOND
     assert drift.sensitivity[2] == pytest.approx(0.03)
 
+    def measured(true):
+        return tuple((rotation.T @ true * frame.scale + frame.bias).tolist())
+
     def raw(force, contact=0.0):
         pushed = -1.5 * force
         true = np.append(pushed, np.cross(tool.payload.center_m, pushed)) + contact
@@ -41,10 +35,10 @@ def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(tool, make_model):
 
     def external(force, contact=0.0):
         corrected = compensator.correct(stamp, raw(force, contact), external=True)
-        return tool.taken_off(corrected, measured(tool.frame, force))
+        return tool.taken_off(corrected, measured(force))
 
     first, *others = 9.807 * Rotation.random(20, random_state=1).as_matrix()[:, 0]
-    weight = np.array(tool.weight(measured(tool.frame, first)))
+    weight = np.array(tool.weight(measured(first)))
     compensator.set_tare(np.array(raw(first)), stamp, weight)
     np.testing.assert_allclose(compensator.correct(stamp, raw(first)), 0.0, atol=1e-12)
     for force in (first, *others):

@@ -23,11 +23,6 @@ def columns():
     return {'stamp_ns': STAMPS, **table, 'note': np.full(ROWS, 'x')}
 
 
-@pytest.fixture
-def as_csv(tmp_path, make):
-    return lambda table: make.csv(tmp_path / 'table', table)
-
-
 def assert_same(one, other):
     for fact in ('name', 'period_ns', 'first_cell'):
         assert getattr(one, fact) == getattr(other, fact)
@@ -36,9 +31,10 @@ def assert_same(one, other):
         np.testing.assert_allclose(getattr(one, array), getattr(other, array), rtol=1e-13)
 
 
-def test_columns_give_the_recording_of_a_csv_file_that_holds_them(columns, as_csv):
+def test_columns_give_the_recording_of_a_csv_file_that_holds_them(columns, make, tmp_path):
+    path = make.csv(tmp_path / 'table', columns)
     for period_s in (0.5, 10.0):
-        read = read_recording(as_csv(columns), period_s=period_s)
+        read = read_recording(path, period_s=period_s)
         assert_same(recording_from_columns(columns, period_s=period_s), read)
 
 

@@ -5,8 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.wire.numbers_in_messages import follow
-
 FRAME = """
 std_msgs/Header header
 string text
@@ -39,12 +37,6 @@ def define(messages):
         return _define(SimpleNamespace(msgtype=kind, native=native))
 
     return of
-
-
-@pytest.fixture
-def lay_out(messages, define):
-    """Follow a message of a known type, made of its fields."""
-    return lambda kind, *fields: follow(define(kind), kind, messages.pack(kind, *fields))
 
 
 @pytest.fixture(scope='session')

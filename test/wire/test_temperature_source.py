@@ -104,11 +104,13 @@ def test_the_sentence_for_a_missing_number_names_the_fields_there_are(state, ent
     assert repr(entry) in said
 
 
-def test_a_message_with_many_numbers_names_those_that_look_right_first(messages, lay_out):
-    image = lay_out(messages.learn('a_msgs/msg/Big', BIG), np.zeros(100_000), 1.0)
+def test_a_message_with_many_numbers_names_those_that_look_right_first(messages, define):
+    kind = messages.learn('a_msgs/msg/Big', BIG)
+    image = follow(define(kind), kind, messages.pack(kind, np.zeros(100_000), 1.0))
     said = parse_source('/image:heat').missing(image)
     assert re.search(r'numbers are sensor_temp, data.* and 93 more\.', said)
-    text = lay_out('std_msgs/msg/String', 'hello')
+    kind = 'std_msgs/msg/String'
+    text = follow(define(kind), kind, messages.pack(kind, 'hello'))
     assert 'Its numbers are none.' in parse_source('/text').missing(text)
 
 
