@@ -32,18 +32,6 @@ def test_the_list_of_parts_is_what_runs(rig):
     assert len({part.title for part in PARTS} - {''}) == len(PARTS)
 
 
-def nested(flat):
-    """Nest values by the dots in their names, as ``ros2 param dump`` does."""
-    tree = {}
-    for name, value in flat.items():
-        *groups, last = name.split('.')
-        branch = tree
-        for group in groups:
-            branch = branch.setdefault(group, {})
-        branch[last] = value
-    return tree
-
-
 def test_all_parameters_are_dumped_and_loaded_again(bench, tmp_path):
     chosen = {
         'temperature_topics': ['a', 'b:data[1]'], 'payload.center_of_mass': [0.0, 0.1, 0.2],
@@ -55,8 +43,13 @@ def test_all_parameters_are_dumped_and_loaded_again(bench, tmp_path):
     values = node.get_parameters(names)
     node.destroy_node()
     file = tmp_path / 'dumped.yaml'
-    written = (parameter_value_to_python(one.get_parameter_value()) for one in values)
-    tree = nested(dict(zip(names, written, strict=True)))
+    tree = {}  # nested by the dots in names, as ``ros2 param dump`` does
+    for name, one in zip(names, values, strict=True):
+        *groups, last = name.split('.')
+        branch = tree
+        for group in groups:
+            branch = branch.setdefault(group, {})
+        branch[last] = parameter_value_to_python(one.get_parameter_value())
     file.write_text(yaml.safe_dump({'/wrist_ft_comp': {'ros__parameters': tree}}))
     again = bench.make(CompensatorNode, cli_args=['--ros-args', '--params-file', str(file)])
     loaded = [one.value for one in again.get_parameters(names)]
