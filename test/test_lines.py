@@ -10,10 +10,10 @@ ROOT = Path(__file__).parents[1]
 MOST = {
     # Above the goal of 21 500: 1 060 lines came for faults that left 1 to 188 N with every status
     # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
-    'wrist_ft_comp': 22_561,
+    'wrist_ft_comp': 22_559,
     # Above the goal of 19 000, for a hundred faults that were found by reading and breaking; each
     # test was red. Up by 8: drivers tared in pauses, dead axes, clocks set back.
-    'test': 19_087,
+    'test': 19_027,
     # Up by 2: thermometers of the machine of truth lose samples, but never five in a row.
     'bench': 5_200,
 }
