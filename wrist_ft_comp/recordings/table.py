@@ -389,9 +389,9 @@ def _by_library(path: Path, library: str) -> Iterator[str]:
         if library == 'openpyxl':
             sheets = pandas.read_excel(path, None, header=None, dtype=object, engine=library)
             longest = max(sheets.values(), key=len)
-            # A log may go on in another sheet, below the same header.
+            # A log may go on in another sheet, below the same header; others begin anew.
             alike = [sheet for sheet in sheets.values() if sheet[:1].equals(longest[:1])]
-            frame = pandas.concat(alike)
+            frame = pandas.concat(alike) if all(map(_goes_on, alike, alike[1:])) else longest
         else:
             frame = pandas.read_parquet(path, library)
             if any(frame.index.names):  # most often the time
@@ -405,6 +405,13 @@ def _by_library(path: Path, library: str) -> Iterator[str]:
             f'{path.name} cannot be read by {library} ({what}). Save the table as CSV, or run '
             f"'pip install {library}' if it is not installed."
         ) from error
+
+
+def _goes_on(sheet: Any, following: Any) -> bool:
+    """Whether the first row below the header of another sheet is later than the last of one."""
+    with suppress(TypeError, IndexError):
+        return bool(following.iloc[1, 0] > sheet.iloc[-1, 0])
+    return False
 
 
 def samples_of(rows: Rows) -> Iterator[Samples]:
