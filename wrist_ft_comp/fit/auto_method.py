@@ -77,18 +77,19 @@ class RidgeFit(NamedTuple):
     strength: float
 
 
-def candidates(highest_degree: int, longest_s: float = np.inf) -> list[RidgeFit]:
+def shown_by(longest_s: float, time_constants_s: Sequence[float]) -> tuple[float, ...]:
     """
-    List the candidates, the simplest first: ten for each degree.
+    Leave out relaxations that last more than a third of the longest recording.
 
-    Relaxations last up to a third of the longest recording: in a shorter one they are a line,
-    which goes on for hours on another day.
+    In a shorter one they are a line, which goes on for hours on another day.
     """
+    return tuple(tau_s for tau_s in time_constants_s if tau_s <= longest_s / 3)
+
+
+def candidates(highest_degree: int, longest_s: float = np.inf) -> list[RidgeFit]:
+    """List the candidates, the simplest first: ten for each degree."""
     fits = []
-    banks = {
-        name: tuple(tau_s for tau_s in bank_s if tau_s <= longest_s / 3)
-        for name, bank_s in BANKS_S.items()
-    }
+    banks = {name: shown_by(longest_s, bank_s) for name, bank_s in BANKS_S.items()}
     for degree in range(1, highest_degree + 1):
         fits.append(RidgeFit(f'static, degree {degree}', (0.0,), degree, STRENGTHS[-1]))
         fits += [
@@ -128,8 +129,7 @@ def fit_ridge(
 
 def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """Learn the drift of an axis from all fits, each as far as it holds unseen."""
-    longest_s = data.period_s * max(map(len, data.residual))
-    fits = candidates(settings.highest_degree, longest_s)
+    fits = candidates(settings.highest_degree, data.longest_s)
     bins = bin_axis_data(data, data.bin_cells)
     relaxed_c = bins.relaxed(POOL_S)
     observed = [moments[:, 0, 0] > 0 for moments in bins.moments]

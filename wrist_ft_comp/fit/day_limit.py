@@ -51,7 +51,6 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
         shares = weights[members]
         rms = np.average(each[members], weights=shares if shares.any() else None)
         tried.append(Candidate(name, of_a_day(float(rms)), float(shares.sum())))
-    longest_s = data.period_s * max(map(len, data.residual))
     expected = expected_rms(data, model, squares, weights)
     largest = limit = np.nan
     if data.tared:
@@ -59,14 +58,15 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
         drifts = [tared_means(residual, cells, data.period_s) for residual in data.residual]
         largest = float(np.abs(np.concatenate(drifts)).max(initial=0.0))
         limit = expected * (_LIMIT_OF_ONE if data.recordings == 1 else _LIMIT_OF_SEVERAL)
+    # Where the drift stays below it, too, it is no promise, nor where nothing lasted.
+    is_promise = limit <= largest and data.longest_s >= _PROMISES_S
     if data.no_sensitivity:
         notes = (*notes, f'zero drift only: {data.no_sensitivity}')
     return AxisFit(
         model=model, chosen=chosen, candidates=tuple(tried), rms_before=tried[0].rms,
         rms_after=of_a_day(after), notes=notes, unit=axis_unit(data.axis), held_out=held_out,
         expected_rms=expected, largest_drift=largest,
-        # Where the drift stays below it, too, it is no promise, nor where nothing lasted.
-        day_limit=limit if limit <= largest and longest_s >= _PROMISES_S else np.nan)  # fmt: skip
+        day_limit=limit if is_promise else np.nan)  # fmt: skip
 
 
 def expected_rms(

@@ -62,7 +62,8 @@ def identify_paper_method(data: AxisData, settings: IdentificationSettings) -> A
     most = fixed or features.width
     structures: dict[str, Structure] = {'': (0.0,)}
     if method == 'filtered_pls':
-        structures = {f', relaxation {tau_s} s': (tau_s,) for tau_s in ridges.LONG_BANK_S}
+        bank_s = ridges.shown_by(data.longest_s, ridges.LONG_BANK_S)
+        structures = {f', relaxation {tau_s} s': (tau_s,) for tau_s in bank_s}
     elif method == 'arx_pls':
         block = None if orders else build_xy_block(data, features)
         orders = orders if block is None else choose_orders(data, block, most)
