@@ -131,6 +131,8 @@ class Thermometer:
     topic: str
     #: When it reported last, by the steady clock.
     heard_s: float | None = None
+    #: The same by the node's clock, ns, which a simulation may set.
+    heard_ns: int = 0
     #: Its newest stamp, ns, 0 where it was not filled, None where the type has none; reading, °C.
     newest: tuple[int | None, float] = (None, math.nan)
 
@@ -188,7 +190,7 @@ class TemperatureInput(Part):
             thermometer, at_ns, temperature_c, newest and newest[:2], arrival_ns
         )
         self.usable += 1
-        heard.heard_s = time.monotonic()
+        heard.heard_s, heard.heard_ns = time.monotonic(), self.hub.now_ns()
         if cells:
             self.hub.broadcast('on_cells', cells, at_ns)
 
@@ -304,9 +306,9 @@ class TemperatureInput(Part):
             heard_s = thermometer.heard_s
             spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS
             silent_s = time.monotonic() - (-math.inf if heard_s is None else heard_s)
-            if self._arrival_ns() is None:  # a simulation may be slow
-                by_stamps_s = (self.hub.now_ns() - (thermometer.newest[0] or 0)) / NANOSECONDS
-                silent_s = min(silent_s, by_stamps_s)
+            simulated_s = (self.hub.now_ns() - thermometer.heard_ns) / NANOSECONDS
+            if self._arrival_ns() is None and simulated_s >= 0:  # a simulation may be slow
+                silent_s = min(silent_s, simulated_s)
             effect = 'it is predicted' if j in self._tracker.replaced else drift
             if problems[j] and silent_s > max(OUTAGE_S, 2 * spacing_s):
                 yield f'thermometer {j + 1}: {problems[j]}; {effect}'

@@ -230,8 +230,9 @@ class Compensator:
             self._doubt_uncertain('the model went live')
             if self._lags(self.compensation_at(keep_output_of[0])):
                 self.doubt_zero('the drift lagged behind when the model was changed; call ~/tare')
-            if self.tared and self.model and model:
+            if self.tared and self.model:
                 self.tare_deviation = np.nan_to_num(self.deviation)
+            if self.tared and self.model and model:
                 known = {*self.model.axes, *self.model.deviation}
                 if new := [axis for axis in model.axes if axis not in known]:
                     self.doubt_zero(

@@ -368,7 +368,8 @@ class TestTemperature:
         (False, 1, True), (True, 1, False), (True, 9000, True)])  # fmt: skip
     def test_in_a_slow_simulation_silence_counts_by_stamps(self, warm, simulated, later_s, said):
         node = warm(parameters={'use_sim_time': simulated})
-        node.node.now_ns = lambda: START + (19 + later_s) * SECOND
+        heard_ns = node.node.inputs.thermometers[0].heard_ns
+        node.node.now_ns = lambda: heard_ns + later_s * SECOND
         node.node.inputs.thermometers[0].heard_s -= 9000.0
         assert ('silent for more than' in node.diagnosis('temperature').message) == said
 
