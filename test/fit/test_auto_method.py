@@ -186,6 +186,10 @@ def test_there_are_ten_for_each_degree_and_the_simplest_comes_first():
     assert {fit.bank_s for fit in fits} == {(0.0,), *ridges.BANKS_S.values()}
 
 
+def test_relaxations_last_no_longer_than_a_third_of_the_longest_recording():
+    assert max(max(fit.bank_s) for fit in ridges.candidates(HIGHEST, 1200.0)) == 300.0
+
+
 @pytest.mark.parametrize('candidate', ridges.candidates(HIGHEST)[::3], ids=str)
 def test_ridge_is_least_squares_with_a_row_per_penalty(problem, columns, candidate):
     """Ten times the penalty with every power; the load and its products count as first powers."""

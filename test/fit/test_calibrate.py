@@ -137,6 +137,21 @@ def test_days_on_which_a_robot_repeats_its_program_are_no_single_day(good):
             )
 
 
+@pytest.mark.parametrize(('minutes', 'cools', 'is_promise'), [
+    (20, True, False), (45, True, True), (45, False, False), (150, False, True),
+])  # fmt: skip
+def test_short_recordings_promise_nothing_nor_do_short_warm_ups(
+    make_recording, minutes, cools, is_promise
+):
+    runs, time_s = [], 10.0 * np.arange(6 * minutes)
+    for i in range(2):
+        temperature_c = 20 + i + 15 * (1 - np.exp(-time_s / 900))
+        temperature_c -= cools * 12 * np.clip(time_s / time_s[-1] - 0.6, 0, None)
+        force = 0.5 * temperature_c + np.random.default_rng(i).normal(0, 0.05, len(time_s))
+        runs.append(make_recording(temperature_c, {'force_z': force}, name=f'{i}.csv'))
+    assert np.isfinite(calibrate(runs).fits['force_z'].day_limit) == is_promise
+
+
 def test_a_recording_of_less_than_a_minute_does_no_harm_beside_longer_ones(good):
     runs = [changed(run, temperature_c=lambda t: np.hstack((t, t[:, :1] ** 0.5)),
                     measured=lambda m: np.tile(m, 2)) for run in good]  # fmt: skip

@@ -98,9 +98,7 @@ def calibrate(
             'still, or with the specific force (--reference payload).'
         )
         warnings += unlike_days(
-            recordings,
-            fits,
-            lambda others: _learn(others, axes, assign_folds(others), settings)[0],
+            recordings, lambda others: _learn(others, axes, assign_folds(others), settings)[0]
         )
     return Calibration(
         model=model, fits=fits, temperature_range_c=ranges_c, warnings=tuple(warnings),

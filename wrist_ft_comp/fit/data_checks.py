@@ -16,9 +16,8 @@ from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
 from wrist_ft_comp.stream.failed_thermometers import stands_s
 from wrist_ft_comp.stream.temperature_jumps import jumps
 
-#: Temperatures of one day differ by less than this, K, also where a thermometer has few digits.
-#: Two days on which a robot repeats one program differ by more; their motion passes for noise.
-_EQUAL_K = 0.5
+#: Temperatures of one hour, read twice, differ by no more than this, K, or their noise.
+_EQUAL_K = 1e-3
 #: Share that counts as nearly all: of the cells of two recordings of one day that are equal, since
 #: rounded stamps move a few samples to the next cell; and of the neighbouring cells that differ in
 #: a channel that measures.
@@ -104,14 +103,17 @@ def _are_equal(one: Recording, other: Recording, shift: int) -> bool:
     if end - begin < MIN_SAMPLES:
         return False
     here, there = slice(begin, end), slice(begin - shift, end - shift)
-    apart_k = np.abs(one.temperature_c[here] - other.temperature_c[there])
-    shares = [np.mean(apart_k <= _EQUAL_K)]
+    shares = []
+    # Motion under a load passes for noise, and repeats itself; temperatures never do.
+    for ours, theirs in zip(one.temperature_c[here].T, other.temperature_c[there].T, strict=True):
+        shares.append(np.mean(np.abs(ours - theirs) <= max(noise_level((ours, theirs)), _EQUAL_K)))
     for ours, theirs in zip(one.wrench[here].T, other.wrench[there].T, strict=True):
         if noise := noise_level((ours, theirs)):
             # Of another day half of the readings are as near.
             equal = np.abs(ours - theirs) <= noise
             shares.append(equal.sum() / (np.isfinite(ours) | np.isfinite(theirs)).sum())
-    return len(shares) > 1 and bool(min(shares) > _NEARLY_ALL)
+    is_read = len(shares) > one.thermometers
+    return is_read and bool(min(shares) > _NEARLY_ALL)
 
 
 def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:

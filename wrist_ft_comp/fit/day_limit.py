@@ -16,6 +16,9 @@ DAY_S = 10800.0
 #: Recordings that are all shorter than this promise nothing of a day, s: of axes that were learnt
 #: from three of 20 min half stayed below (bench/accuracy/worlds.py --dev, families short_1 to 3).
 _PROMISES_S = 1800.0
+#: Nor do several that are shorter than this and only warm, or only cool: no thermometer turns back
+#: by this share of its range.
+_ONE_WAY_S, _ONE_WAY_SHARE = 7200.0, 0.2
 #: On 9 of 10 days the largest error of an axis is below this many times the RMS that is stated
 #: of it, where it was learnt from one recording: tuned to 95 of 100 (bench/accuracy/worlds.py
 #: --dev); on worlds that nobody looked at it was below on 92 ...
@@ -60,6 +63,9 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
         limit = expected * (_LIMIT_OF_ONE if data.recordings == 1 else _LIMIT_OF_SEVERAL)
     # Where the drift stays below it, too, it is no promise, nor where nothing lasted.
     is_promise = limit <= largest and data.longest_s >= _PROMISES_S
+    # Short warm-ups agree with each other, and say nothing of how the sensor cools.
+    is_long = data.recordings == 1 or data.longest_s >= _ONE_WAY_S
+    is_promise &= is_long or any(map(_turns_back, data.temperature_c))
     if data.no_sensitivity:
         notes = (*notes, f'zero drift only: {data.no_sensitivity}')
     return AxisFit(
@@ -67,6 +73,14 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
         rms_after=of_a_day(after), notes=notes, unit=axis_unit(data.axis), held_out=held_out,
         expected_rms=expected, largest_drift=largest,
         day_limit=limit if is_promise else np.nan)  # fmt: skip
+
+
+def _turns_back(temperature_c: FloatArray) -> bool:
+    """Whether a thermometer warms and cools by a good part of its range, (N, J)."""
+    fallen_k = (np.maximum.accumulate(temperature_c) - temperature_c).max(axis=0)
+    risen_k = (temperature_c - np.minimum.accumulate(temperature_c)).max(axis=0)
+    part_k = _ONE_WAY_SHARE * np.ptp(temperature_c, axis=0)
+    return bool((np.minimum(fallen_k, risen_k) > part_k).any())
 
 
 def expected_rms(

@@ -1,9 +1,12 @@
-"""Days that do not go with the others: of exchanged thermometers, or of another sensor or unit."""
+"""Days that do not go with the others: of exchanged thermometers, or of another unit."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import assign_folds
@@ -12,6 +15,10 @@ from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.stream.drift_of_recordings import exchange_doubts
 
+#: Of newtons: millinewtons, kilonewtons, pounds, kilograms and back; and all of them turned round.
+_UNITS = 1e-3, 0.102, 0.2248, 4.448, 9.807, 1e3
+_FACTORS = np.array([*_UNITS, -1.0, *(-factor for factor in _UNITS)])
+_FACTOR_TOLERANCE = 0.15
 #: An odd day is looked for among up to this many, because each takes a fit without it.
 _MOST_DAYS = 10
 
@@ -32,21 +39,29 @@ def exchanged_days(recordings: Sequence[Recording], model: DriftModel) -> Iterat
 
 
 def unlike_days(
-    recordings: Sequence[Recording],
-    fits: Mapping[str, AxisFit],
-    learn: Callable[[Sequence[Recording]], Mapping[str, AxisFit]],
+    recordings: Sequence[Recording], learn: Callable[[Sequence[Recording]], Mapping[str, AxisFit]]
 ) -> Iterator[str]:
-    """Name each recording without which less than half as much of an axis' drift is left."""
+    """
+    Name days that drift by the factor of another unit or direction of what the others expect.
+
+    Another factor is none of theirs: a day that is heated otherwise has one, too.
+    """
     few = recordings if len(recordings) <= _MOST_DAYS else ()
     for recording, others in _beside_others(few):
-        without: Mapping[str, AxisFit] = {}
+        fits: Mapping[str, AxisFit] = {}
         with suppress(WristFtCompError):
-            without = learn(others)
-        for axis, fit in without.items():
-            if 2 * fit.share_left < fits[axis].share_left:
-                share = f'{100 * fit.share_left:.0f} %'
+            fits = learn(others)
+        for axis, fit in fits.items():
+            read = recording.wrench[:, AXES.index(axis)]
+            at = np.flatnonzero(np.isfinite(read))
+            if fit.model is None or not len(at):
+                continue
+            temperature_c = recording.temperature_c
+            expected = fit.model.run(fit.model.start(temperature_c[0]), temperature_c)[1][at, 0]
+            slope = np.polyfit(expected, read[at], 1)[0] if np.ptp(expected) else 1.0
+            if (np.abs(slope / _FACTORS - 1) < _FACTOR_TOLERANCE).any():
                 yield (
-                    f'Without {recording.name} {share} of the drift of {axis} is '
-                    'left. Is it of another sensor, unit or direction? Mend or leave it out.'
+                    f'{axis} of {recording.name} drifts {slope:.3g} times as much as the other '
+                    'days let expect. Is it in another unit or direction? Mend that.'
                 )
                 break
