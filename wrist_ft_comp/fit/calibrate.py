@@ -24,12 +24,11 @@ from wrist_ft_comp.fit.axis_data import (
     MIN_SAMPLES,
 )
 from wrist_ft_comp.fit.folds import assign_folds
-from wrist_ft_comp.fit.odd_days import exchanged_days, unlike_days
 from wrist_ft_comp.fit.outliers_and_steps import begin_where_tared, MOVING, segment
 from wrist_ft_comp.fit.paper_methods import identify_paper_method
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
+from wrist_ft_comp.fit.thermometer_prediction import exchanged_days, predict_each_other
 from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import IntArray, Progress, rounded
@@ -96,9 +95,6 @@ def calibrate(
             f'{", ".join(unexplained)}. The load was declared {reference}: did the robot move, or '
             'did something touch it? Or does no thermometer see the heat? Record again standing '
             'still, or with the specific force (--reference payload).'
-        )
-        warnings += unlike_days(
-            recordings, lambda others: _learn(others, axes, assign_folds(others), settings)[0]
         )
     return Calibration(
         model=model, fits=fits, temperature_range_c=ranges_c, warnings=tuple(warnings),

@@ -5,7 +5,8 @@ The others stand behind the longest bank of relaxations of ``auto``, with its ri
 strength.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from wrist_ft_comp.drift.arx_pls import free_run, relaxation
-from wrist_ft_comp.drift.drift_model import ThermometerPrediction
+from wrist_ft_comp.drift.drift_model import DriftModel, ThermometerPrediction
 from wrist_ft_comp.fit.auto_method import LONG_BANK_S, STRENGTHS
 from wrist_ft_comp.fit.data_checks import LONG_SILENCE_S, runs_of
+from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray
+from wrist_ft_comp.stream.drift_of_recordings import exchange_doubts
 
 #: Temperatures and relaxed temperatures are averaged over this time for the fit, s.
 _MEAN_S = 60.0
@@ -109,3 +112,11 @@ def _ridge(columns: FloatArray, target_c: FloatArray) -> tuple[FloatArray, float
     gram = scaled.T @ scaled + STRENGTHS[1] * len(scaled) * np.eye(len(size))
     gains = np.linalg.solve(gram, scaled.T @ (target_c - middle_c)) / size
     return gains, middle_c - float(mean @ gains)
+
+
+def exchanged_days(recordings: Sequence[Recording], model: DriftModel) -> Iterator[str]:
+    """Name thermometers that read what those of two or more other days expect of each other."""
+    for i, recording in enumerate(recordings if len(recordings) > 2 else ()):
+        others = [*recordings[:i], *recordings[i + 1 :]]
+        judge = replace(model, prediction=predict_each_other(others, assign_folds(others)))
+        yield from (f'In {recording.name}, {said}.' for said in exchange_doubts(judge, recording))
