@@ -128,6 +128,14 @@ def test_where_the_load_is_recorded_a_tare_of_the_driver_is_found_beside_it(day)
     assert evaluate(calibration.model, [day(3)])['force_z'].rms_after < 2 * NOISE
 
 
+def test_other_samples_of_one_day_are_no_other_day(day):
+    other = replace(day(1), name='export.csv')
+    noise = np.array([NOISE] * 3 + [1e-3] * 3)
+    other.wrench[:] += np.random.default_rng(5).normal(0, 1, (CELLS, 6)) * noise
+    with pytest.raises(CalibrationRefusedError, match='the same day, or a part of it'):
+        calibrate([day(1), other])
+
+
 def test_what_froze_is_no_step_of_what_is_judged(day):
     model, frozen = calibrate([day(1), day(2)]).model, day(3)
     frozen.wrench[1200:2300, 2] = frozen.wrench[1200, 2]

@@ -11,13 +11,15 @@ from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import LEAST_RANGE_K, order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import find_plateaus, MIN_SAMPLES
+from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, time_in
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
 from wrist_ft_comp.stream.failed_thermometers import stands_s
 from wrist_ft_comp.stream.temperature_jumps import jumps
 
-#: Temperatures of one hour, read twice, differ by no more than this, K, or their noise.
-_EQUAL_K = 1e-3
+#: Recordings of one hour, perhaps of other samples of it, differ in means over this time, s, by
+#: less than their noise; in temperatures by that or by this, K. Those of two days differ by more.
+_COMPARED_S, _EQUAL_K = 60.0, 0.02
 #: Share that counts as nearly all: of the cells of two recordings of one day that are equal, since
 #: rounded stamps move a few samples to the next cell; and of the neighbouring cells that differ in
 #: a channel that measures.
@@ -98,20 +100,24 @@ def _are_the_same(one: Recording, other: Recording) -> bool:
 
 
 def _are_equal(one: Recording, other: Recording, shift: int) -> bool:
-    """Whether the readings of two are equal where the other begins some cells later."""
+    """Whether two read the same, up to their noise, where the other begins some cells later."""
     begin, end = max(shift, 0), min(len(one), len(other) + shift)
     if end - begin < MIN_SAMPLES:
         return False
-    here, there = slice(begin, end), slice(begin - shift, end - shift)
-    shares = []
-    # Motion under a load passes for noise, and repeats itself; temperatures never do.
-    for ours, theirs in zip(one.temperature_c[here].T, other.temperature_c[there].T, strict=True):
-        shares.append(np.mean(np.abs(ours - theirs) <= max(noise_level((ours, theirs)), _EQUAL_K)))
-    for ours, theirs in zip(one.wrench[here].T, other.wrench[there].T, strict=True):
-        if noise := noise_level((ours, theirs)):
-            # Of another day half of the readings are as near.
-            equal = np.abs(ours - theirs) <= noise
-            shares.append(equal.sum() / (np.isfinite(ours) | np.isfinite(theirs)).sum())
+    shares, cells = [], max(round(_COMPARED_S / one.period_s), 1)
+    parts = (one, begin), (other, begin - shift)
+    read = [
+        np.hstack((r.temperature_c, r.wrench - np.nan_to_num(r.reference)))[at : at + end - begin]
+        for r, at in parts
+    ]
+    for column, (ours, theirs) in enumerate(zip(*(values.T for values in read), strict=True)):
+        # A motion that a load makes passes for noise, and repeats itself; temperatures never do.
+        least = _EQUAL_K if column < one.thermometers else 0.0
+        if near := max(noise_level((ours, theirs)), least):
+            both, either = np.isfinite(ours - theirs), np.isfinite(ours) | np.isfinite(theirs)
+            apart = mean_over(ours - theirs, cells)
+            equal = np.mean(np.abs(apart[np.isfinite(apart)]) <= near) if both.any() else 0.0
+            shares.append(equal * both.sum() / either.sum())
     is_read = len(shares) > one.thermometers
     return is_read and bool(min(shares) > _NEARLY_ALL)
 
