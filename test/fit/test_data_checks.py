@@ -57,6 +57,16 @@ def test_an_axis_that_is_read_only_while_temperatures_are_unknown_is_said(record
     assert 'torque_z has 0 thermal cells with both' in '\n'.join(calibrate([recording]).warnings)
 
 
+def test_a_thermometer_that_reports_on_change_is_not_silent(record):
+    recording, at = record(), np.arange(CELLS)
+    warm_c = 20 + 10 * (1 - np.exp(-at / 100)) + 0.1 * np.maximum(at - 900, 0)
+    for step_k, sentences in ((0.1, 0), (2.0, 1)):
+        read_c = np.round(warm_c + step_k * (at >= 900), 1)
+        recording.temperature_c[:, 0] = read_c
+        recording.measured[1:, 0] = np.diff(read_c) != 0
+        assert len(drop_unknown_temperatures([recording])[1]) == sentences
+
+
 def test_a_thermometer_that_jumps_is_named(record):
     recording = record()
     assert jumping_thermometers([recording]) == []

@@ -49,6 +49,19 @@ def test_all_days_replace_the_live_model_unless_they_leave_clearly_more(look, go
         assert ('It is not used' in choice.entry.verdict) != taken
 
 
+def test_days_at_rest_do_not_replace_a_model_that_knows_work(look, good):
+    def wider(axis):
+        upper_c = axis.range_c[1] + 3 * np.ptp(axis.range_c, axis=0)
+        return replace(axis, features=replace(axis.features, upper_c=upper_c))
+
+    known = replace(good, axes={name: wider(axis) for name, axis in good.axes.items()})
+    choice = take(
+        NAMES[4], look, past(look, Champion('a' * 12, known), 1, 2, 3),
+        Champion('a' * 12, known), NAMES[:6], '', QUICK)  # fmt: skip
+    assert choice.better is None
+    assert 'its days saw less than half of the temperatures that the live' in choice.entry.verdict
+
+
 def test_days_before_a_decision_do_not_bring_a_model_back(look, good):
     """Three good days after it do, where the chosen model leaves more: it corrects twice."""
 

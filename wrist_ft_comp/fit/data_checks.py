@@ -68,7 +68,8 @@ def check_recordings(
     everything = np.concatenate([recording.temperature_c for recording in recordings])
     span_k = float(np.ptp(everything, axis=0).max())
     within_k = max(float(np.ptp(r.temperature_c, axis=0).max()) for r in recordings)
-    if span_k < min_span_k or within_k < min_span_k / 3:
+    needs_within = reference in {'unloaded', 'constant'}  # gains can be learnt from files apart
+    if span_k < min_span_k or (needs_within and within_k < min_span_k / 3):
         raise CalibrationRefusedError(
             f'Temperature in {names} spans {span_k:.1f} K, and {within_k:.1f} K at most within a '
             f'recording, whose zero is its own; at least {min_span_k:.1f} K and a third of it are '
@@ -284,8 +285,16 @@ def _unknown(recording: Recording, j: int, absent: BoolArray) -> tuple[list[tupl
     longest = max(LONG_SILENCE_S / recording.period_s, _SEVERAL * usual)
     present: BoolArray = np.asarray(np.isfinite(recording.wrench).any(axis=1))
     runs = []
+    read_c = recording.temperature_c[reports, j]
+    steps_k = np.abs(np.diff(read_c))
+    resolution_k = steps_k[steps_k > 0].min(initial=np.inf)
     for first, last in runs_of(absent):
         at = first + np.flatnonzero(present[first:last])
+        # One that reports on change stood still, if the next report is a step of its resolution.
+        after = np.searchsorted(reports, last)
+        is_silent = not recording.measured[first:last, j].any() and 0 < after < len(reports)
+        if is_silent and steps_k[after - 1] <= 2 * resolution_k:
+            continue
         if len(at) and at[-1] + 1 - at[0] > longest:
             runs.append((int(at[0]), int(at[-1]) + 1))
     if not runs:

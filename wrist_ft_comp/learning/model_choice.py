@@ -141,11 +141,17 @@ def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
     taken = ratio < (HARMFUL_FOLD if champion.key and not chosen else 1)
     is_better = round(ratio, 2) < 1  # as it is printed
     why_so = 'It is better' if is_better else 'It is about as good and has learnt from more days'
+    why_not = 'It is not used'
+    if taken and champion.model and not covers(found, champion.model):
+        taken, why_not = False, (
+            'It is not used: its days saw less than half of the temperatures that the live model '
+            'knows, as days at rest do'
+        )  # fmt: skip
     verdict = (
         f'{words}A new model ({why}) would have left {entry.rms_left(CHALLENGER):.2g} N. On '
         f'{count} {"day" if count == 1 else "days"} that neither knew, it leaves {ratio:.2f} '
         f'times as much drift as {"the live model" if champion.key else "no model"}. '
-        f'{why_so if taken else "It is not used"}.'
+        f'{why_so if taken else why_not}.'
     )
     entry = replace(entry, verdict=verdict)
     if not taken:
@@ -153,6 +159,19 @@ def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
     settings = replace(settings, reference='payload')
     better = replace(found, payloads=look(name).payloads, settings=settings)
     return Choice(entry, better, tuple(day.name for day in learnt))
+
+
+def covers(found: Calibration, live: DriftModel) -> bool:
+    """Whether a new model has seen at least half of the temperatures that the live one knows."""
+    known_c = np.array([axis.range_c for axis in live.axes.values()]).reshape(
+        -1, 2, live.thermometers
+    )
+    if not len(known_c):
+        return True
+    lowest_c, highest_c = known_c[:, 0].min(axis=0), known_c[:, 1].max(axis=0)
+    low_c, high_c = found.temperature_range_c.T
+    seen_k = np.minimum(high_c, highest_c) - np.maximum(low_c, lowest_c)
+    return bool((seen_k >= (highest_c - lowest_c) / 2).all())
 
 
 def held_out(found: Calibration, days: Sequence[DayEntry]) -> FloatArray:

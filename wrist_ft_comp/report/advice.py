@@ -80,6 +80,8 @@ class Case:
     slowest_s: float = 0.0
     #: Of an evaluation: the temperatures that the model learnt, °C.
     learnt_c: Sequence[tuple[float, float]] = ()
+    #: Axes of which little is left, though they promise nothing.
+    explained: Sequence[str] = ()
     #: Of an evaluation: axes whose errors are above the stated limit.
     beyond: Sequence[str] = ()
     #: Of an evaluation: axes that drift, and that the calibration did not hold.
@@ -122,7 +124,7 @@ def advise(case: Case) -> tuple[str, ...]:
             'still while recording, or record its specific force and use --reference payload.'
         )
     poor = [axis for axis, level in case.levels.items() if level in {'weak', 'harmful'}]
-    unexplained = [axis for axis in poor if axis not in case.beyond]
+    unexplained = [axis for axis in poor if axis not in {*case.beyond, *case.explained}]
     ranges_c = zip(case.coverage.range_c, case.learnt_c, strict=False)
     outside = [
         f'thermometer {number}' for number, (seen, learnt) in enumerate(ranges_c, start=1)

@@ -167,7 +167,9 @@ def calibration_content(
     case = advices.Case(
         recordings, coverage, reference, levels, calibration.warnings,
         run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
-        slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
+        slowest_s=max(map(_slowest_s, fits.values()), default=0.0),
+        explained=[axis for axis in fits if fits[axis].share_left <= verdicts.GOOD_REMAINDER],
+    )  # fmt: skip
     legend, first = _FIGURES, next(iter(fits.values())).held_out
     if len(recordings) == 1 and first.tared:
         minutes = recordings[0].duration_s / len(np.unique(first.fold)) / 60
