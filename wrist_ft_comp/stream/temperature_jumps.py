@@ -80,7 +80,7 @@ class SpikeFilter:
         self.wrong_starts = 0
         self.jump = Jump()
         #: How far it steps from reading to reading, where it does, K: noise, or its resolution.
-        self._usual_k = JUMP_K
+        self._usual_k = JUMP_K / _USUAL_STEPS
         #: What was read before a jump from which it may come back by itself.
         self._before: Reading | None = None
         #: Since the start, and those that were left out since the last one that was believed.
