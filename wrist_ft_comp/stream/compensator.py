@@ -299,7 +299,7 @@ class Compensator:
 
     def reset_tare(self) -> None:
         """Forget both tares."""
-        self._waits_since_ns = None
+        self._waits_since_ns, self.tare_deviation = None, np.zeros(len(AXES))
         self._forget_doubts()
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)), tared=False)
 
@@ -313,7 +313,7 @@ class Compensator:
         begins.
         """
         self.tare, self.external_tare = tare, external
-        self.tared, self.tare_deviation = tared, np.zeros(len(AXES))
+        self.tared = tared
         if before_drift:
             self._waits_since_ns = -math.inf
         self._refresh_correction()

@@ -20,9 +20,12 @@ from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 JUMP_K = 2.0
 #: ... plus this for every second between them, K/s.
 _JUMP_K_S = 0.2
-#: What is believed jumps from this on, K, where a thermometer does not usually step as far: by
-#: more than so many times what it did in some hundred readings that differed from each other.
-_LEAST_JUMP_K, _USUAL_STEPS, _FORGET = 0.5, 3.0, 0.99
+#: A smaller step than this between two readings is never called a jump, K, ...
+_LEAST_JUMP_K = 0.5
+#: ... nor one below this many times the largest step that the thermometer usually makes, ...
+_USUAL_STEPS = 3.0
+#: ... which is forgotten by this factor with each reading that differs from the one before.
+_FORGET = 0.99
 #: After a jump of less than JUMP_K a reading may come back by itself within this time, s, as after
 #: a draught, or from a filter of the driver; within the shorter one that moves no drift.
 _COMES_BACK_S, _BRIEF_S = 600.0, 180.0

@@ -74,8 +74,10 @@ def test_what_a_model_left_wrong_in_the_tare_is_stated_until_the_next_tare(abc):
     assert deviation() == '0.1414 N'
     node = abc()
     node.warm_up(30.0)
-    assert deviation() == '0.1414 N'
     stream = node.node.compensator
+    # Another payload may make the external tare zero.
+    stream.restore_tare(stream.tare, np.zeros(6), tared=True)
+    assert deviation() == '0.1414 N'
     stream.set_tare(np.ones(6), stream.tracker.end_ns)
     assert deviation() == '0.1 N'
 
