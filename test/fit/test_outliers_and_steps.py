@@ -136,6 +136,18 @@ def test_other_samples_of_one_day_are_no_other_day(day):
         calibrate([day(1), other])
 
 
+def test_a_recording_that_was_broken_off_on_the_cold_robot_is_none_of_that_day(day):
+    rng, first, parts = np.random.default_rng(6), day(1), ('temperature_c', 'wrench')
+    noise = np.array([NOISE] * 3 + [1e-3] * 3)
+    for part in parts:
+        vars(first)[part][:900] = vars(first)[part][0]
+    parts = (*parts, 'measured', 'reference')
+    cold = replace(first, **{part: vars(first)[part][:900].copy() for part in parts})
+    for recording in (first, cold):
+        recording.wrench[:900] += rng.normal(0, 1, (900, 6)) * noise
+    calibrate([first, cold, day(2)])
+
+
 def test_what_froze_is_no_step_of_what_is_judged(day):
     model, frozen = calibrate([day(1), day(2)]).model, day(3)
     frozen.wrench[1200:2300, 2] = frozen.wrench[1200, 2]

@@ -103,7 +103,9 @@ def _are_the_same(one: Recording, other: Recording) -> bool:
 def _are_equal(one: Recording, other: Recording, shift: int) -> bool:
     """Whether two read the same, up to their noise, where the other begins some cells later."""
     begin, end = max(shift, 0), min(len(one), len(other) + shift)
-    if end - begin < MIN_SAMPLES:
+    # What stands still looks the same on all days, as before a start that was broken off.
+    moved_k = np.ptp(one.temperature_c[begin:end], axis=0) if end - begin >= MIN_SAMPLES else 0.0
+    if np.max(moved_k) < LEAST_RANGE_K:
         return False
     shares, cells = [], max(round(_COMPARED_S / one.period_s), 1)
     parts = (one, begin), (other, begin - shift)
