@@ -368,11 +368,13 @@ def _draws(few: int, count: int) -> IntArray:
 
 def distinct(forces: Iterable[FloatArray], apart_n: float = _MOVED_N) -> FloatArray:
     """Pick forces that differ by _MOVED_N, or otherwise, from all before, (n, 3)."""
-    kept: FloatArray = np.empty((0, 3))
-    for force in forces:
-        if (np.linalg.norm(kept - force, axis=1) >= apart_n).all():
-            kept = np.vstack((kept, force))
-    return kept
+    points = np.reshape(list(forces), (-1, 3))
+    near = np.linalg.norm(points[:, np.newaxis] - points, axis=2) < apart_n
+    kept = list[int]()
+    for k, is_near in enumerate(near.tolist()):
+        if not any(is_near[before] for before in kept):
+            kept.append(k)
+    return points[kept]
 
 
 def _fit_turns(forces: FloatArray, weights: FloatArray) -> FloatArray:
