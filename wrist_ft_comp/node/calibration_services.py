@@ -73,9 +73,9 @@ class Jobs(Part):
     )  # fmt: skip
 
     def check_parameters(self, parameters: Sequence[Any]) -> None:
-        """Refuse recordings outside data_directory."""
+        """Refuse recordings outside data_directory, but those that were named at the start."""
         for given in (one for one in parameters if one.name == 'calibration.recordings'):
-            for path in given.value or ():
+            for path in {*(given.value or ())} - {*self.hub.chosen()[given.name]}:
                 self.live.store.require_inside(given.name, path)
 
     def make_job(self, recordings: Sequence[Path], **more: Any) -> CalibrationJob:
