@@ -117,6 +117,24 @@ def test_after_a_pause_a_new_segment_begins_if_the_driver_was_tared(day, zeroed_
     assert evaluate(calibration.model, [day(3)])['force_z'].rms_after < 2 * NOISE
 
 
+def test_slow_drift_that_no_thermometer_shows_is_no_tare_in_each_pause(day):
+    """The verdict and the limit would be of the stretches between the pauses."""
+    cells = 4 * CELLS
+    creep = 3 * (1 - np.exp(-np.arange(cells) / cells))
+    days = [day(seed, sign * creep, cells=cells) for seed, sign in ((1, 1), (2, -1), (4, 0.5))]
+    whole = calibrate(days).fits['force_z']
+    for recording in days:
+        for hour in (1, 2, 3):
+            recording.wrench[hour * CELLS : hour * CELLS + 900] = np.nan
+    paused = calibrate(days)
+    assert 'after a pause' not in '\n'.join(paused.warnings)
+    assert paused.fits['force_z'].rms_after > 0.9 * whole.rms_after
+    days[0].wrench[2 * CELLS :] += 20.0  # one of the pauses, with a tare
+    tared = calibrate(days)
+    assert ''.join(tared.warnings).count('after a pause') == 1
+    assert tared.fits['force_z'].rms_after > 0.5 * whole.rms_after
+
+
 def test_where_the_load_is_recorded_a_tare_of_the_driver_is_found_beside_it(day):
     days = [day(1, stepped((1500, 4.0))), day(2)]
     for number, recording in enumerate(days):

@@ -75,7 +75,10 @@ def calibrate(
             again = _learn(tared, axes, folds, settings)
             both = [(fit, fits[axis]) for axis, fit in again[0].items() if axis in fits]
             if any(2 * tared_fit.share_left < fit.share_left for tared_fit, fit in both):
-                (fits, model, said), stepped = again, stepped + begun
+                tared, sure = begin_where_tared(recordings, reference, again[1])
+                if sure:
+                    again = again if sure == begun else _learn(tared, axes, folds, settings)
+                    (fits, model, said), stepped = again, stepped + sure
     # Say what to doubt.
     sensors = {f'in recording {n}, {one.name}': one.sensor for n, one in enumerate(recordings, 1)}
     warnings = [warning for recording in recordings for warning in recording.warnings]

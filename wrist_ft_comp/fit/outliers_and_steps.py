@@ -14,9 +14,11 @@ import numpy as np
 import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.channels import AXES, axis_unit
+from wrist_ft_comp.drift.drift_model import DriftModel, run_from_rest
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import find_plateaus
 from wrist_ft_comp.fit.data_checks import Cleaned, MOST_LEFT_OUT, runs_of
+from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import Recording, Reference, time_in
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level, rounded, ROUNDING
 from wrist_ft_comp.steps_in_recordings import BESIDE_S, find_steps, SMALLEST_SIGMA, Step
@@ -35,6 +37,8 @@ MOVING = {'N': 1.0, 'N m': 0.1}
 _STEP_SHARE = 0.05
 #: A driver is started again in less than this, s; a recorder goes on after ten minutes.
 _RESTART_S = 660.0
+#: What a pause left is the difference of means over this time, s.
+_MINUTE_S = 60.0
 #: Steps are looked for this often at most, as one that was found hides others beside it, such as
 #: the other end of a touch. Of 100 kinds of touches, one look judges 27 otherwise than five.
 _ROUNDS = 5
@@ -73,12 +77,15 @@ def segment(recordings: Sequence[Recording], reference: Reference) -> Cleaned:
     return segmented, sentences
 
 
-def begin_where_tared(recordings: Sequence[Recording], reference: Reference) -> Cleaned:
+def begin_where_tared(
+    recordings: Sequence[Recording], reference: Reference, model: DriftModel | None = None
+) -> Cleaned:
     """
     Begin a segment wherever a driver may have been tared, though heat may do the same; say where.
 
     That is after each long pause, each pause in the first or last two minutes, and where what was
-    read beside a recorded reference steps.
+    read beside a recorded reference steps. With a model that was learnt so, only where it leaves
+    more of a pause than twice of any other time as long: the rest is slow drift.
     """
     begun, sentences = list[Recording](), list[str]()
     drifts = reference != 'payload' and find_plateaus(recordings) is None
@@ -92,6 +99,8 @@ def begin_where_tared(recordings: Sequence[Recording], reference: Reference) -> 
         is_short = np.minimum(lasted_s[:-1], lasted_s[-1] - lasted_s[1:]) < BESIDE_S
         least_s = np.where(is_short, BESIDE_S / 4, _RESTART_S)
         cells = at[1:][pauses_s > np.maximum(least_s, 3 * usual_s)].tolist()
+        if model is not None:
+            cells = _unlike_drift(recording, model, at, cells)
         steps, read = {*recording.steps, *cells}, recording.wrench
         if reference == 'recorded':
             read = recording.wrench - recording.reference
@@ -111,6 +120,28 @@ def begin_where_tared(recordings: Sequence[Recording], reference: Reference) -> 
             for cell in cells
         ]
     return begun, sentences
+
+
+def _unlike_drift(
+    recording: Recording, model: DriftModel, at: IntArray, cells: Sequence[int]
+) -> list[int]:
+    """Choose the pauses, by the cells behind them, over which more changed than by slow drift."""
+    _, drift = run_from_rest(model, recording.temperature_c)
+    left = recording.wrench - np.nan_to_num(recording.reference) - drift.zero
+    minute = max(1, round(_MINUTE_S / recording.period_s / _cells_apart(at)))
+    parts = np.split(left[at], np.searchsorted(at, cells))
+    means = [mean_over(part, minute) for part in parts]
+    chosen = list[int]()
+    for k, cell in enumerate(cells):
+        paused = (cell - at[np.searchsorted(at, cell) - 1]) * recording.period_s
+        lag = max(1, round(paused / _MINUTE_S))
+        usual = [np.abs(part[lag:] - part[:-lag]) for part in means if len(part) > lag]
+        usual += [np.ptp(part, axis=0)[np.newaxis] for part in means if len(part) <= lag]
+        most = np.nanmax(np.concatenate(usual), axis=0, initial=0.0)
+        change = parts[k + 1][:minute].mean(axis=0) - parts[k][-minute:].mean(axis=0)
+        if (np.abs(change) > 2 * most).any():
+            chosen.append(cell)
+    return chosen
 
 
 def false_starts(recordings: Sequence[Recording]) -> dict[int, str]:
