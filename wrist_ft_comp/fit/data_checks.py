@@ -117,10 +117,14 @@ def _are_equal(one: Recording, other: Recording, shift: int) -> bool:
         # A motion that a load makes passes for noise, and repeats itself; temperatures never do.
         least = _EQUAL_K if column < one.thermometers else 0.0
         if near := max(noise_level((ours, theirs)), least):
-            both, either = np.isfinite(ours - theirs), np.isfinite(ours) | np.isfinite(theirs)
+            both = np.isfinite(ours - theirs).sum()
             apart = mean_over(ours - theirs, cells)
-            equal = np.mean(np.abs(apart[np.isfinite(apart)]) <= near) if both.any() else 0.0
-            shares.append(equal * both.sum() / either.sum())
+            apart = apart[np.isfinite(apart)]
+            if column >= one.thermometers and len(apart):  # one of them may be tared
+                apart -= np.median(apart)
+            # An export may be thinner.
+            fewer = min(np.isfinite(values).sum() for values in (ours, theirs))
+            shares.append((np.abs(apart) <= near).mean() * both / fewer if both else 0.0)
     is_read = len(shares) > one.thermometers
     return is_read and bool(min(shares) > _NEARLY_ALL)
 
