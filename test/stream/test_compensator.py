@@ -385,6 +385,16 @@ class TestTare:
         said = ['before the next temperatures' in why for why in compensator.zero_doubts]
         assert any(said), 'for a restart, too'
 
+    def test_a_tare_while_all_are_silent_waits_though_one_of_them_always_pauses(self, make_model):
+        model = make_model({'force_z': (0.4, 0.0, 30.0)}, thermometers=2)
+        compensator = Compensator(2, StreamSettings(), model)
+        for second in (*range(600), *range(690, 700)):
+            for j in (0,) if second % 60 else (0, 1):
+                compensator.add_temperature(j, second * SECOND, 20.0 + second / 100)
+            if second == 599:
+                compensator.set_tare(LOAD, 640 * SECOND)
+        assert any('before the next temperatures' in why for why in compensator.zero_doubts)
+
     @pytest.mark.parametrize('timeout_s', [5.0, 300.0])
     def test_of_few_reports_temperature_timeout_says_how_long_a_pause_is(self, model, timeout_s):
         compensator = Compensator(1, StreamSettings(temperature_timeout_s=timeout_s), model)

@@ -65,7 +65,7 @@ def test_a_jump_is_one_where_a_thermometer_does_not_usually_step_as_far(
         read_c[back:] += by_k
 
 
-@pytest.mark.parametrize(('by_k', 'tau_s'), [(0.9, 5), (1.9, 60), (-1.4, 10)])
+@pytest.mark.parametrize(('by_k', 'tau_s'), [(0.9, 5), (1.9, 45), (-1.4, 10)])
 def test_a_jump_that_comes_back_by_itself_is_told_for_as_long(by_k, tau_s):
     at = np.arange(1800)
     read_c = 25.0 + np.random.default_rng(1).normal(0, 0.02, len(at)) + at / 1000
@@ -76,6 +76,14 @@ def test_a_jump_that_comes_back_by_itself_is_told_for_as_long(by_k, tau_s):
         told += spikes.stayed_k != 0.0
     assert 0 < told < 180
     assert spikes.jump.off_k == 0.0
+
+
+@pytest.mark.parametrize(('by_k', 'warms_k_min'), [(-1.5, 0.3), (-1.5, 0.6), (1.0, -0.3)])
+def test_one_that_comes_loose_is_not_taken_as_back_because_the_robot_warms(by_k, warms_k_min):
+    at = np.arange(3600)
+    read_c = 25.0 + np.random.default_rng(1).normal(0, 0.02, len(at)) + warms_k_min / 60 * at
+    read_c[300:] += by_k
+    assert counted(read_c.tolist())[1].stayed_k == pytest.approx(by_k, abs=0.1)
 
 
 @pytest.mark.parametrize(('times_s', 'steps_k'), [((900, 930), (1.9, -0.8)), ((920,), (2.2,))])

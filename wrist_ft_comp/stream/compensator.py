@@ -271,7 +271,8 @@ class Compensator:
         self._forget_doubts(but=exchanged_by_jumps(self.tracker.spikes))
         # A drift that is held, as no temperature comes, is none to tare with.
         held_ns = stamp_ns - self.tracker.end_ns
-        is_held = held_ns > max(usual_silences_ns(self.tracker))
+        silences_ns = dict(enumerate(usual_silences_ns(self.tracker)))
+        is_held = held_ns > min(silences_ns[j] for j in silences_ns.keys() - self.tracker.replaced)
         has_drift = self.compensating and self.tracker.awaited is None and not is_held
         self._waits_since_ns = None if has_drift else stamp_ns
         self.doubt_zero(*tare_doubts(self.tracker, has_drift=has_drift))

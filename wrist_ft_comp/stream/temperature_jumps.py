@@ -26,9 +26,9 @@ _LEAST_JUMP_K = 0.5
 _USUAL_STEPS = 3.0
 #: ... which is forgotten by this factor with each reading that differs from the one before.
 _FORGET = 0.99
-#: After a jump of less than JUMP_K a reading may come back by itself within this time, s, as after
-#: a draught, or from a filter of the driver; within the shorter one that moves no drift.
-_COMES_BACK_S, _BRIEF_S = 600.0, 180.0
+#: Within this time, s, a jump may come back by itself, as after a draught: that moves no drift. What
+#: comes back no faster than a wrist warms is a loose thermometer in a warm-up.
+_COMES_BACK_S = 180.0
 #: Wrists warm and cool by no more than this, K/s, unless they were seen to.
 FASTEST_K_S = 0.02
 #: A start takes the body as soaked at the temperatures after this time, s, because a first reading
@@ -175,16 +175,15 @@ class SpikeFilter:
         return step_k > limit_k
 
     def _look_back(self, sample: Reading) -> None:
-        """Take that a jump has ended where a reading comes back to what it was, however slowly."""
+        """Forget a jump where readings come back by themselves to what was read before."""
         if self._before is None:
             return
         lasted_s = (sample[0] - self._before[0]) / NANOSECONDS
-        if lasted_s > _COMES_BACK_S:
+        size_k = abs(self.jump.by_k or self.jump.off_k)
+        if lasted_s > min(_COMES_BACK_S, size_k / FASTEST_K_S):
             self._before = None
         elif abs(sample[1] - self._before[1]) < _LEAST_JUMP_K:
-            off_k = 0.0 if lasted_s < _BRIEF_S else self.jump.by_k or self.jump.off_k
-            self.jump = Jump(0.0, sample[0], off_k) if off_k else Jump()
-            self._before = None
+            self.jump, self._before = Jump(), None
 
     def note_jump(self, stamp_ns: int, by_k: float) -> None:
         """Take a jump to a temperature that is believed, unless a prediction is used instead."""
