@@ -86,6 +86,17 @@ def test_one_that_comes_loose_is_not_taken_as_back_because_the_robot_warms(by_k,
     assert counted(read_c.tolist())[1].stayed_k == pytest.approx(by_k, abs=0.1)
 
 
+@pytest.mark.parametrize(('rate_hz', 'averaged_s'), [(20, 1.0), (1, 10.0), (1, 1.0)])
+def test_a_jump_is_one_also_where_the_driver_averages_or_reports_often(rate_hz, averaged_s):
+    at_s = np.arange(0, 900, 1 / rate_hz)
+    read_c = 25.0 + at_s / 300 + 4.0 * np.clip((at_s - 403) / averaged_s, 0.0, 1.0)
+    read_c += np.random.default_rng(1).normal(0, 0.02, len(at_s))
+    spikes = SpikeFilter()
+    for second, celsius in zip(at_s.tolist(), read_c.tolist(), strict=True):
+        spikes.admit(round(second * SECOND), celsius)
+    assert spikes.stayed_k == pytest.approx(4.0, abs=1.3)
+
+
 @pytest.mark.parametrize(('times_s', 'steps_k'), [((900, 930), (1.9, -0.8)), ((920,), (2.2,))])
 def test_a_contact_that_wobbles_or_is_put_back_is_told(times_s, steps_k):
     at = np.arange(1800)

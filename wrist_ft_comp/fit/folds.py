@@ -4,22 +4,31 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.drift.drift_model import DriftModel, LEAST_RANGE_K
 from wrist_ft_comp.fit import axis_data
-from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, FOLDS
+from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, FOLDS, MOST_PLATEAUS
 from wrist_ft_comp.fit.result import HeldOut
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 
 #: A candidate has to lower the mean square error by this share to be worth its complexity.
 WORTHWHILE = 0.15
+#: Days are apart that have less than this share of their temperatures in common.
+_SHARED = 0.5
 #: What is left of a held-out fold is counted from its first minute, as people tare, s.
 _TARE_S = 60.0
 
 
 def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
-    """Assign each cell, (N_i,), to a fold: recordings, plateaus, or else stretches of one."""
+    """
+    Assign each cell, (N_i,), to a fold: recordings, plateaus, or else stretches of one.
+
+    A day in a hall so cold, or hot, that no other day reached its temperatures is no measure of
+    what is learnt from the others; then each recording has stretches.
+    """
     if len(recordings) > 1:
+        if _are_apart(recordings):
+            return [assign_folds([one])[0] + i * MOST_PLATEAUS for i, one in enumerate(recordings)]
         return [np.full(len(recording), i) for i, recording in enumerate(recordings)]
     if (plateaus := axis_data.find_plateaus(recordings)) is not None:
         return [plateaus]
@@ -37,6 +46,20 @@ def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
     # Folds end at whole bins, so that no bin holds samples of two folds.
     width = axis_data.bin_cells(len(cells), recordings[0].period_s)
     return [np.floor(passed[cells // width * width] * FOLDS).astype(int)]
+
+
+def _are_apart(recordings: Sequence[Recording]) -> bool:
+    """Whether all warm, and one shares less than _SHARED of its temperatures with any other."""
+    low_c, high_c = (
+        np.array([edge(recording.temperature_c, axis=0) for recording in recordings])
+        for edge in (np.min, np.max)
+    )
+    leading = np.argmax(high_c.max(axis=0) - low_c.min(axis=0))
+    low_c, high_c = low_c[:, leading], high_c[:, leading]
+    shared_k = np.minimum.outer(high_c, high_c) - np.maximum.outer(low_c, low_c)
+    np.fill_diagonal(shared_k, -np.inf)
+    is_apart = shared_k.max(axis=0) < _SHARED * (high_c - low_c)
+    return bool(is_apart.any() and (high_c - low_c > LEAST_RANGE_K).all())
 
 
 def averaged_cells(period_s: float) -> int:

@@ -25,9 +25,11 @@ _LEAST_JUMP_K = 0.5
 #: ... nor one below this many times the largest step that the thermometer usually makes, ...
 _USUAL_STEPS = 3.0
 #: ... which is forgotten by this factor with each reading that differs from the one before.
-_FORGET = 0.99
-#: Within this time, s, a jump may come back by itself, as after a draught: that moves no drift. What
-#: comes back no faster than a wrist warms is a loose thermometer in a warm-up.
+_FORGET = 0.97
+#: So is the change in this time, s: a driver may average, or report often.
+_AVERAGED_S = 10.0
+#: Within this time, s, a jump may come back by itself, as after a draught: that moves no drift.
+#: What comes back no faster than a wrist warms is a loose thermometer in a warm-up.
 _COMES_BACK_S = 180.0
 #: Wrists warm and cool by no more than this, K/s, unless they were seen to.
 FASTEST_K_S = 0.02
@@ -86,6 +88,8 @@ class SpikeFilter:
         self._usual_k = JUMP_K / _USUAL_STEPS
         #: What was read before a jump from which it may come back by itself.
         self._before: Reading | None = None
+        #: What was read up to _AVERAGED_S ago.
+        self._earlier: Reading = (0, math.nan)
         #: Since the start, and those that were left out since the last one that was believed.
         self._believed: _Run | None = None
         self._other: _Run | None = None
@@ -112,8 +116,8 @@ class SpikeFilter:
     def go_on(self, stamp_ns: int, temperature_c: float, jump: Jump) -> None:
         """Continue from a temperature that was believed before, and what was known of jumps."""
         self.jump = jump
-        self._believed = _Run(-math.inf, (stamp_ns, temperature_c))
-        self._other = None
+        self._earlier = stamp_ns, temperature_c
+        self._believed, self._other = _Run(-math.inf, self._earlier), None
 
     def move_clock(self, by_ns: int) -> None:
         """Follow the clock of the stamps, which was set."""
@@ -121,6 +125,7 @@ class SpikeFilter:
             if run is not None:
                 run.begin_ns += by_ns
                 run.last = run.last[0] + by_ns, run.last[1]
+        self._earlier = self._earlier[0] + by_ns, self._earlier[1]
         if self._before is not None:
             self._before = self._before[0] + by_ns, self._before[1]
         if self.jump.at_ns is not None:
@@ -130,20 +135,24 @@ class SpikeFilter:
         """Take a sample; whether it counts."""
         sample, believed, other = (stamp_ns, temperature_c), self._believed, self._other
         if believed is None:
-            self._believed = _Run(stamp_ns, sample)
+            self._believed, self._earlier = _Run(stamp_ns, sample), sample
             return True
         believed_ns, believed_c = believed.last
         agrees = other is not None and not _apart(other.last, sample)
         if not _apart(believed.last, sample):
             self._believed, self._other = _Run(believed.begin_ns, sample, believed.count + 1), None
-            by_k = 0.0
-            if self._jumps(believed.last, sample):  # believed, but no wrist does so
-                by_k = temperature_c - believed_c
+            before, earlier = believed.last, self._earlier
+            by_k = self._jumped_k(before, sample)  # believed, but no wrist does so
+            is_due = stamp_ns - earlier[0] >= _AVERAGED_S * NANOSECONDS
+            if is_due and not by_k:
+                before, by_k = earlier, self._jumped_k(earlier, sample)
+            if is_due or by_k:
+                self._earlier = sample
             if other is not None and agrees:  # over a gap, both may have cooled
                 by_k = other.last[1] - believed_c
             if by_k:
                 self.note_jump(stamp_ns, by_k)
-                self._before = self._before or believed.last
+                self._before = self._before or before
             self._look_back(sample)
             return True
         begin_ns = other.begin_ns if other is not None and agrees else stamp_ns
@@ -155,7 +164,7 @@ class SpikeFilter:
             self.strange_c, self.believed_c = temperature_c, believed_c
             return False
         # Others agree for longer than all that was believed: that was the wrong one.
-        self._believed, self._other = _Run(begin_ns, sample), None
+        self._believed, self._other, self._earlier = _Run(begin_ns, sample), None, sample
         self.wrong_starts += 1
         self.dropped += believed.count
         self.first = int(believed.begin_ns), believed_c
@@ -164,15 +173,16 @@ class SpikeFilter:
             self.note_jump(stamp_ns, temperature_c - believed_c)
         return True
 
-    def _jumps(self, before: Reading, sample: Reading) -> bool:
-        """Whether a thermometer moved farther than it usually does, and than a wrist warms."""
-        step_k, elapsed_s = abs(sample[1] - before[1]), abs(sample[0] - before[0]) / NANOSECONDS
+    def _jumped_k(self, before: Reading, sample: Reading) -> float:
+        """By how much a thermometer moved, if farther than usually, and than a wrist warms, K."""
+        moved_k, elapsed_s = sample[1] - before[1], abs(sample[0] - before[0]) / NANOSECONDS
+        step_k = abs(moved_k)
         usual_k = max(_USUAL_STEPS * self._usual_k, _LEAST_JUMP_K)
         if step_k:  # one that gets noisy gets usual
             self._usual_k = max(step_k, _FORGET * self._usual_k)
         # A motor's thermometer may be faster than a wrist; one that is read seldom is not known.
         limit_k = min(usual_k + 2 * FASTEST_K_S * elapsed_s, JUMP_K + FASTEST_K_S * elapsed_s)
-        return step_k > limit_k
+        return moved_k if step_k > limit_k else 0.0
 
     def _look_back(self, sample: Reading) -> None:
         """Forget a jump where readings come back by themselves to what was read before."""
@@ -216,7 +226,10 @@ class SpikeFilter:
         elapsed_s = np.diff(stamps_ns // NANOSECONDS, prepend=before.last[0] // NANOSECONDS)
         steps_k = np.diff(temperature_c, prepend=before.last[1])
         if not self.leaves_out and not jumps(steps_k, elapsed_s, FASTEST_K_S).any():
-            self._believed = _Run(before.begin_ns, last, before.count + len(stamps_ns))
+            self._believed, self._earlier = (
+                _Run(before.begin_ns, last, before.count + len(stamps_ns)),
+                last,
+            )
             return stamps_ns, temperature_c
         counted = np.zeros(len(stamps_ns), dtype=bool)
         for k, sample in enumerate(zip(stamps_ns.tolist(), temperature_c.tolist(), strict=True)):
