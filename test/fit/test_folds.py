@@ -5,7 +5,7 @@ import pytest
 
 from wrist_ft_comp.fit.axis_data import bin_cells
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.folds import assign_folds, FOLDS, simplest_good
+from wrist_ft_comp.fit.folds import assign_folds, FOLDS, folds_within, simplest_good
 from wrist_ft_comp.fit.result import rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
 
@@ -123,3 +123,20 @@ def test_plateaus_of_a_chamber_test_keep_the_constant_of_the_others(make_recordi
     wrench = np.where(np.arange(240) % 60 >= 50, temperature_c - 20, np.nan)
     held_out = learn([make_recording(temperature_c, {'force_z': wrench})], 'pls').held_out
     np.testing.assert_allclose(rms_by_fold(held_out).before, [20.0, 20 / 3, 20 / 3, 20.0])
+
+
+@pytest.mark.parametrize(('warmer_k', 'apart'), [(20.0, True), (5.5, True), (2.0, False)])
+def test_days_in_a_cold_and_in_a_hot_hall_are_held_out_in_stretches(
+    make_recording, warmer_k, apart
+):
+    """Learnt from the other, each would be extrapolated, though both together know it."""
+    days = []
+    for seed, room_c in enumerate((10.0, 10.0 + warmer_k)):
+        minutes = np.arange(720) / 6
+        celsius = room_c + 10 * (1 - np.exp(-minutes / 30)) + np.sin(minutes / 7 + seed)
+        drift = 0.3 * celsius + 0.02 * (celsius - 15) ** 2
+        noise = np.random.default_rng(seed).normal(0, 0.02, len(drift))
+        days.append(make_recording(celsius, {'force_z': drift + noise}, name=f'day{seed}'))
+    assert (folds_within(days) is not None) == apart
+    fit = calibrate(days).fits['force_z']
+    assert not apart or fit.share_left < 0.1

@@ -23,7 +23,7 @@ from wrist_ft_comp.fit.axis_data import (
     find_plateaus,
     MIN_SAMPLES,
 )
-from wrist_ft_comp.fit.folds import assign_folds
+from wrist_ft_comp.fit.folds import assign_folds, folds_within
 from wrist_ft_comp.fit.outliers_and_steps import begin_where_tared, MOVING, segment
 from wrist_ft_comp.fit.paper_methods import identify_paper_method
 from wrist_ft_comp.fit.result import AxisFit, Calibration
@@ -116,6 +116,8 @@ def _learn(
 ) -> tuple[dict[str, AxisFit], DriftModel, list[str]]:
     """Learn some axes, and say what to doubt; CalibrationRefusedError where none can be."""
     fits, said = dict[str, AxisFit](), list[str]()
+    # Days that are apart in temperature are no measure of each other, where each alone is better.
+    within = folds_within(recordings)
     for number, axis in enumerate(axes, 1):
         data = build_axis_data(recordings, axis, settings.reference, folds)
         if data.recordings == 1 < len(recordings):
@@ -124,9 +126,9 @@ def _learn(
             )
             # It is judged on stretches of that recording.
             (i,) = {i for i, _ in data.folds_by_recording}
-            within: list[IntArray] = [np.full(len(recording), -1) for recording in recordings]
-            (within[i],) = assign_folds([recordings[i]])
-            data = replace(data, folds=tuple(within))
+            of_one: list[IntArray] = [np.full(len(recording), -1) for recording in recordings]
+            (of_one[i],) = assign_folds([recordings[i]])
+            data = replace(data, folds=tuple(of_one))
         if data.samples < MIN_SAMPLES or len(data.folds_by_recording) < 2:
             said.append(
                 f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
@@ -134,6 +136,9 @@ def _learn(
             )
             continue
         fit = identify_axis(data, settings.identification)
+        if within is not None and data.recordings > 1:
+            again = identify_axis(replace(data, folds=tuple(within)), settings.identification)
+            fit = again if 2 * again.share_left < fit.share_left else fit
         if fit.refusal:
             said.append(f'{fit.refusal}. It is left uncompensated.')
         fits[axis] = fit
@@ -143,7 +148,7 @@ def _learn(
     refusals = [fit.refusal for fit in fits.values() if fit.refusal]
     if refusals and all(fit.model is None for fit in fits.values()):
         raise CalibrationRefusedError(f'{refusals[0]}.')
-    predicted = predict_each_other(recordings, folds) if data.tared else None
+    predicted = predict_each_other(recordings, within or folds) if data.tared else None
     stands = [[stands_s(c, r.period_s).max() for c in r.temperature_c.T] for r in recordings]
     model = DriftModel(
         period_ns=recordings[0].period_ns, thermometers=recordings[0].thermometers,

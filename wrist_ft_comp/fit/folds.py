@@ -20,15 +20,8 @@ _TARE_S = 60.0
 
 
 def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
-    """
-    Assign each cell, (N_i,), to a fold: recordings, plateaus, or else stretches of one.
-
-    A day in a hall so cold, or hot, that no other day reached its temperatures is no measure of
-    what is learnt from the others; then each recording has stretches.
-    """
+    """Assign each cell, (N_i,), to a fold: recordings, plateaus, or else stretches of one."""
     if len(recordings) > 1:
-        if _are_apart(recordings):
-            return [assign_folds([one])[0] + i * MOST_PLATEAUS for i, one in enumerate(recordings)]
         return [np.full(len(recording), i) for i, recording in enumerate(recordings)]
     if (plateaus := axis_data.find_plateaus(recordings)) is not None:
         return [plateaus]
@@ -48,8 +41,13 @@ def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
     return [np.floor(passed[cells // width * width] * FOLDS).astype(int)]
 
 
-def _are_apart(recordings: Sequence[Recording]) -> bool:
-    """Whether all warm, and one shares less than _SHARED of its temperatures with any other."""
+def folds_within(recordings: Sequence[Recording]) -> list[IntArray] | None:
+    """
+    Assign cells, (N_i,), to stretches of each recording, where these are apart; None elsewhere.
+
+    A day in a hall so cold, or hot, that others reach less than _SHARED of its temperatures is no
+    measure of what is learnt from them.
+    """
     low_c, high_c = (
         np.array([edge(recording.temperature_c, axis=0) for recording in recordings])
         for edge in (np.min, np.max)
@@ -59,7 +57,9 @@ def _are_apart(recordings: Sequence[Recording]) -> bool:
     shared_k = np.minimum.outer(high_c, high_c) - np.maximum.outer(low_c, low_c)
     np.fill_diagonal(shared_k, -np.inf)
     is_apart = shared_k.max(axis=0) < _SHARED * (high_c - low_c)
-    return bool(is_apart.any() and (high_c - low_c > LEAST_RANGE_K).all())
+    if len(recordings) < 2 or not is_apart.any() or (high_c - low_c < LEAST_RANGE_K).any():
+        return None
+    return [assign_folds([one])[0] + i * MOST_PLATEAUS for i, one in enumerate(recordings)]
 
 
 def averaged_cells(period_s: float) -> int:
