@@ -29,15 +29,6 @@ def test_csv_is_corrected_as_columns_in_memory_are(tare_s, done, make, model, tm
     assert not written
 
 
-def test_rows_that_recording_yaml_leaves_out_are_not_copied(run, make, model, tmp_path):
-    path, out = make.csv(tmp_path / 'run.csv', make.drifting(seed=3)), tmp_path / 'out.csv'
-    (tmp_path / 'recording.yaml').write_text('from: 10\nuntil: 2min\nexclude: [30..40]\n')
-    outcome = run('compensate', model, path, '-o', out, '--tare', '10')
-    assert outcome.code == 0
-    assert '289 rows of run.csv are before from or after until of recording.yaml' in outcome.err
-    assert [int(stamp) / 1e9 for stamp in table(out)['stamp_ns']] == list(range(10, 121))
-
-
 def test_a_compensated_recording_is_neither_compensated_nor_learnt_from(
     run, make, model, tmp_path
 ):

@@ -13,7 +13,7 @@ from wrist_ft_comp.recordings.bag import decode
 from wrist_ft_comp.recordings.column_map import COMPENSATED
 from wrist_ft_comp.recordings.read import backend, open_recording, OpenBag, OpenTable
 from wrist_ft_comp.recordings.table import STAMP_NS
-from wrist_ft_comp.series import NANOSECONDS, Progress
+from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.stored.safe_file import Output, writing
 from wrist_ft_comp.wire import cdr
@@ -46,13 +46,12 @@ def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its def
     ):
         made = Path(folder) / target.name
         if isinstance(opened, OpenTable):
-            left_out = _write_table(opened, made, correct, progress)
+            _write_table(opened, made, correct, progress)
         else:
-            left_out = ()
             _write_bag(opened, made, correct, output_topic, progress)
         copy.check_target(target)
         made.rename(target)
-        return *opened.warnings, *left_out
+        return opened.warnings
 
 
 def check_copy(
@@ -97,14 +96,13 @@ def _write_bag(
 
 def _write_table(
     source: OpenTable, target: Path, correct: Correction, progress: Progress | None
-) -> tuple[str, ...]:
-    """Write our own columns; an empty one says that they are compensated. Says what is not in."""
+) -> None:
+    """Write our own columns; an empty one says that they are compensated."""
     import pandas  # noqa: PLC0415 -- a bag is copied without it
 
     source.require('stamp', 'raw wrench')
     channels = [column.channel for placed in source.columns for column in placed.channels]
     empty = [*(name for name in source.names if name.startswith(ORIGIN)), COMPENSATED]
-    first_ns, left_out = list[int](), 0
     for number, rows in enumerate(source.rows(progress)):
         stamps_ns = rows[STAMP_NS].to_numpy()
         # Of tables that are joined, each fills its own columns.
@@ -117,15 +115,7 @@ def _write_table(
         wrench[absent] = np.nan
         for axis in {*AXES} & {*channels}:
             frame[axis] = wrench[:, AXES.index(axis)]
-        # Where temperatures do not count, no drift is known.
-        first_ns += stamps_ns[:1].tolist()
-        inside = source.options.excerpt.has((stamps_ns - first_ns[0]) / NANOSECONDS)
-        frame, left_out = frame[inside], left_out + int((~inside).sum())
         frame.to_csv(target, mode='a', index=False, header=not number, lineterminator='\n')
     if len(source.tables) > 1:
         frame = pandas.read_csv(target, float_precision='round_trip', dtype={STAMP_NS: np.int64})
         frame.sort_values(STAMP_NS, kind='stable').to_csv(target, index=False)
-    if not left_out:
-        return ()
-    said = f'{left_out} rows of {source.name} are before from or after until of recording.yaml'
-    return (f'{said}; they are not in the copy.',)

@@ -1,9 +1,8 @@
 """
 What counts of a recording, and what was said of how to read it.
 
-What is before ``--from``, after ``--until`` or within ``--exclude`` does not count. The same may
-stand in ``recording.yaml`` beside the recordings, as may ``--columns`` and ``--time``
-(``column_map``).
+What is before ``--from``, after ``--until`` or within ``--exclude`` does not count. ``--columns``
+and ``--time`` (``column_map``) may stand in ``recording.yaml`` beside the recordings.
 """
 
 from collections.abc import Iterable, Iterator
@@ -19,14 +18,13 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import clock_time, Samples, Topics
 from wrist_ft_comp.recordings.column_map import Column, parse_map
-from wrist_ft_comp.series import BoolArray, CLOCK_NS, FloatArray, NANOSECONDS
+from wrist_ft_comp.series import CLOCK_NS, NANOSECONDS
 from wrist_ft_comp.stored.safe_file import beginning
 from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.units import TIME_UNITS_NS
 
 #: File beside recordings that says how they are read.
 MAP_FILE = 'recording.yaml'
-_KEYS = {'columns', 'time', 'from', 'until', 'exclude'}
 
 
 @dataclass(frozen=True)
@@ -38,10 +36,6 @@ class Excerpt:
     end_s: float = math.inf
     #: Beginning and end of stretches whose wrenches are left out; temperatures go on.
     excluded_s: tuple[tuple[float, float], ...] = ()
-
-    def has(self, since_s: FloatArray) -> BoolArray:
-        """Mark times since the first stamp, s, (n,), from ``--from`` to ``--until``."""
-        return (since_s >= self.begin_s) & (since_s <= self.end_s)
 
     def select(
         self, blocks: Iterable[Samples], name: str, first_ns: list[int]
@@ -60,7 +54,7 @@ class Excerpt:
             begin_ns = first_ns[0] if first_ns else 0
             since_s = np.where(timed, block.stamps_ns - begin_ns, 0) / NANOSECONDS
             kind = 'wrench' if block.channels[0] in AXES else block.channels[0].split('_')[0]
-            counts = self.has(since_s)
+            counts = (since_s >= self.begin_s) & (since_s <= self.end_s)
             for begin_s, end_s in self.excluded_s if kind == 'wrench' else ():
                 counts &= (since_s < begin_s) | (since_s > end_s)
             lasts_s = max(lasts_s, float(since_s.max(initial=0.0)))
@@ -126,40 +120,23 @@ def parse_options(topics: Topics, source: str = '--columns') -> ReadOptions:
 
 
 def options_beside(table: Path, topics: Topics) -> ReadOptions:
-    """Understand what was said of a table, and what ``recording.yaml`` beside it says more."""
+    """Understand what was said of a table; without --columns, what ``recording.yaml`` says."""
     beside = table.with_name(MAP_FILE)
-    if not beside.is_file():
+    if topics.columns or not beside.is_file():
         return parse_options(topics)
     try:
-        # Texts alone: YAML takes 1:20 for 80, and it is 1 h 20 min. An empty value is ''.
+        # Texts alone. An empty value is ''.
         content = yaml.load(beginning(beside), yaml.BaseLoader)  # noqa: S506 -- safe, too
     except yaml.YAMLError as error:
-        if not topics.columns:
-            raise RecordingError(f'{beside} cannot be read: {error}.') from error
-        content = None
-    if not isinstance(content, dict) or not content.keys() <= _KEYS:
-        if topics.columns:
-            return parse_options(topics)
+        raise RecordingError(f'{beside} cannot be read: {error}.') from error
+    if not isinstance(content, dict) or not content.keys() <= {'columns', 'time'}:
         raise RecordingError(
-            f'{beside} must have the keys columns and time, perhaps from, until and exclude, and '
-            'no others. If it is of another program, move it, or give --columns.'
+            f'{beside} must have the keys columns and time, and no others. If it is of another '
+            'program, move it, or give --columns.'
         )
-    source = f'{MAP_FILE} beside it'
-    if topics.columns:  # with the time that is given: a form of time is one of a column
-        source, content = '--columns', content | {'columns': topics.columns, 'time': topics.time}
-    entries, exclude = content.get('columns', ''), content.get('exclude') or []
-    exclude = [exclude] if isinstance(exclude, str) else exclude
-    if isinstance(entries, dict):
-        entries = ','.join(f'{ours}={theirs}' for ours, theirs in entries.items())
-    said = replace(
-        topics,
-        columns=str(entries),
-        time=topics.time or str(content.get('time', '')),
-        begin=topics.begin or str(content.get('from', '')),
-        end=topics.end or str(content.get('until', '')),
-        exclude=topics.exclude or tuple(map(str, exclude)),
-    )
-    return parse_options(said, source)
+    columns, time = (str(content.get(key, '')) for key in ('columns', 'time'))
+    said = replace(topics, columns=columns, time=topics.time or time)
+    return parse_options(said, f'{MAP_FILE} beside it')
 
 
 def recipe(columns: str, time: str) -> list[str]:
