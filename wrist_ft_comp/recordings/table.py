@@ -17,7 +17,6 @@ from io import StringIO, TextIOWrapper
 import lzma
 from pathlib import Path
 import re
-import shlex
 from typing import Any
 import zlib
 
@@ -47,8 +46,6 @@ _SHOWN_ROWS, _SHOWN_LATER, _GOLDEN = 3000, 100, 0.6180339887
 _SURE_ROWS = 10
 #: A row may come later than those of the next day by this, ns.
 _LATEST_NS = 60 * NANOSECONDS
-#: By the ending of a packed file: what prints it.
-_CAT = {'.gz': 'zcat', '.bz2': 'bzcat', '.xz': 'xzcat'}
 _PACKED = (b'\x1f\x8b', gzip), (b'BZh', bz2), (b'\xfd7zXZ', lzma)
 #: What a cell that cannot be converted raises.
 _BAD = ValueError, ArithmeticError, TypeError, AttributeError
@@ -142,10 +139,6 @@ class Table:
         import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
         convert, n = _RowConverter(placed), _SURE_ROWS
-        cat, above = _CAT.get(self.path.suffix.lower(), 'cat'), self.header.lines_above
-        told = f'{cat} {shlex.quote(str(self.path))}'
-        made = (f'{self.path.stem}_{what}.csv' for what in ('part_1', 'part_2', 'oldest_first'))
-        one, two, turned = map(shlex.quote, made)  # in the working directory
         held: Rows = None
         for number, text in self._texts(progress):
             is_whole, where = text.endswith('\n'), f'Line {number} of {self.name}'
@@ -165,15 +158,11 @@ class Table:
                     f'{where} has no line end; if it was cut off, its last value '
                     f'({self.header.names[-1]} = {cell!r}) is incomplete.'
                 )
-            stamps_ns = rows[STAMP_NS].to_numpy()
-            runs_back = len(rows) > n and stamps_ns[-1] < stamps_ns[0]
-            if held is None and runs_back and (np.diff(stamps_ns) <= 0).all():
-                raise RecordingError(
-                    f'{self.name} has its newest row first. Turn it round by "(set -C; ({told} | '
-                    f'head -n {above}; {told} | tail -n +{above + 1} | tac) > {turned})".'
-                )
             held = rows if held is None else pandas.concat([held.iloc[-2 * n :], rows])
-            for k in (np.flatnonzero(np.diff(held[STAMP_NS]) < 0) + 1).tolist():
+            back = np.diff(held[STAMP_NS]) < 0
+            if len(back) > n and back.all():
+                raise RecordingError(f'{self.name} has its newest row first. Sort it by time.')
+            for k in (np.flatnonzero(back) + 1).tolist():
                 around, line = held.iloc[max(k - n, 0) : k + n], held.index[k]
                 steps_ns = np.diff(around[STAMP_NS])
                 is_sure = len(steps_ns) == 2 * n - 1 and (steps_ns < 0).sum() == 1
@@ -181,15 +170,11 @@ class Table:
                 filled = np.isfinite(around.drop(columns=STAMP_NS).to_numpy())
                 goes_on = (filled[:n].any(axis=0) & filled[n:].any(axis=0)).any()
                 if is_sure and goes_on and steps_ns.sum() < 0:
-                    step_s = float(np.median(steps_ns[: n - 1])) / NANOSECONDS
-                    channels = [c.entry(self.header.columns_before) for c in placed.channels]
                     raise RecordingError(
-                        f'The clock of {self.name} begins anew in line {line}: another '
-                        f'recording begins there. Cut it by "(set -C; {told} | head -n '
-                        f'{line - 1} > {one} && ({told} | head -n {above}; {told} | tail -n '
-                        f'+{line}) > {two})". If it is the same recording, whose clock was '
-                        "set or ran over, and rows come at a fixed rate, count them: --columns '"
-                        f"{','.join([f'stamp=#*{step_s:g}', *channels])}' --time s."
+                        f'The clock of {self.name} begins anew in line {line}. Where another '
+                        'recording begins there, make it a file of its own, below the same '
+                        'header. Where the clock was set or ran over, and rows come at a fixed '
+                        'rate, count them: stamp=#*0.01 is a hundred a second.'
                     )
             yield rows
         if held is None:
