@@ -55,12 +55,6 @@ class Column:
     factor: float | None = None
     place: int = -1
 
-    def entry(self, columns_before: int) -> str:
-        """Write it by its number, as a map has it; that of a stamp without its unit."""
-        factor = '' if self.factor is None else f'*{self.factor:g}'
-        unit = f':{self.unit}' if self.unit and self.channel != STAMP else ''
-        return f'{self.channel}={columns_before + self.place + 1}{factor}{unit}'
-
     def to_channel(self, values: FloatArray) -> FloatArray:
         """Convert numbers of the column to the unit of the channel."""
         values = values if self.factor is None else values * self.factor

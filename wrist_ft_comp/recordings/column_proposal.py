@@ -9,8 +9,7 @@ stays open, as in ``force_z=…``.
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
-from itertools import count, pairwise
+from itertools import count
 import re
 import shlex
 from typing import NamedTuple
@@ -161,32 +160,24 @@ def warn_of_unused(placed: Placed) -> Iterator[str]:
         yield f'{placed.table} has columns that are not understood and not used: {names}.{perhaps}'
 
 
-def warn_of_clocks(placed: Placed, table: Table | TableInMemory) -> list[str]:
+def warn_of_clocks(placed: Placed, table: Table | TableInMemory) -> Iterator[str]:
     """Warn of times between channels, which differ from those by which the channels are read."""
     header, stamp, used = placed.header, placed.columns.get(STAMP), placed.channels
     if stamp is None or stamp.place < 0 or not used:
-        return []
+        return
     first = next((column.place for column in used if column.place > stamp.place), used[-1].place)
     between = [_Looks(k, (), header) for k in placed.unused if first < k < used[-1].place]
     times = [looks for looks in between if looks.time_score() or looks.unit_of(STAMP)]
     times = [looks for looks in times if not _NANOSEC.fullmatch(looks.plain)]
     shown = table.shown_rows() if times else []
     starts = [looks.place for looks in times if _is_another_clock(stamp, looks, shown)]
-    if not starts:
-        return []
-    entries = list[str]()
-    for k, (start, end) in enumerate(pairwise([stamp.place, *starts, len(header.names)])):
-        group = [c for c in used if c.place < end and (c.place > start or not k)]
-        group = [replace(stamp, place=start), *group] if group else []
-        before = header.columns_before + k * len(header.names)
-        entries += [column.entry(before) for column in group]
-    late = column_map.listed(column.name for column in used if column.place > starts[0])
-    file = shlex.quote('+'.join([str(getattr(table, 'path', table.name))] * (len(starts) + 1)))
-    sentence = (
-        f'{placed.table} has another time before {late}, which differs from {stamp.name} and is '
-        f"not used. Read each by its own: name {file} with --columns '{','.join(entries)}'"
-    )
-    return [f'{sentence} --time {shlex.quote(stamp.unit)}.' if stamp.unit else f'{sentence}.']
+    if starts:
+        late = column_map.listed(column.name for column in used if column.place > starts[0])
+        yield (
+            f'{placed.table} has another time before {late}, which differs from {stamp.name} and '
+            'is not used. Make a file of each time and its columns, and join them: '
+            'force.csv+heat.csv.'
+        )
 
 
 def _is_another_clock(stamp: Column, looks: '_Looks', rows: Sequence[Sequence[str]]) -> bool:

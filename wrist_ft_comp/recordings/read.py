@@ -192,7 +192,7 @@ class OpenTable:
         """Read all rows of the columns that are used, one table after the other."""
         self.require(STAMP)
         for table, placed in zip(self.tables, self.columns, strict=True):
-            yield from _rows_of(table, placed, progress)
+            yield from table.rows(placed, progress)
 
     def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
         """Read by block; a group that some rows fill in part comes channel by channel."""
@@ -209,42 +209,28 @@ class OpenTable:
     def slowness_s(self) -> tuple[float, float]:
         """How far samples of a slow log are apart, and how long it lasts, s; else 1 and 0."""
         self.require()
-        pairs = list(zip(self.tables, self.columns, strict=True))
         spacings_s = [
             float(np.median(np.diff(stamps_ns))) / NANOSECONDS
-            for table, placed in pairs
-            for rows in islice(_rows_of(table, placed), 1)
+            for table, placed in zip(self.tables, self.columns, strict=True)
+            for rows in islice(table.rows(placed), 1)
             for block in samples_of(rows)
             if len(stamps_ns := np.unique(block.stamps_ns)) > 1
         ]
         spacing_s = min((s for s in spacings_s if s <= LONGEST_SPACING_S), default=1.0)
         if spacing_s <= 1.0:
             return 1.0, 0.0
-        ends = [rows[STAMP_NS].iloc[[0, -1]] for pair in pairs for rows in _rows_of(*pair)]
+        ends = [rows[STAMP_NS].iloc[[0, -1]] for rows in self.rows()]
         return spacing_s, float(np.ptp(ends)) / NANOSECONDS
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is not used, and was left out; complete when the samples were read."""
         found = [self.compensated] if self.compensated else []
-        paths = [getattr(table, 'path', table) for table in self.tables]
-        for path, table, placed in zip(paths, self.tables, self.columns, strict=True):
-            # A file that is joined with itself is used by another part, too.
-            unused = column_proposal.warn_of_unused(placed) if paths.count(path) == 1 else []
+        for table, placed in zip(self.tables, self.columns, strict=True):
+            unused = column_proposal.warn_of_unused(placed)
             clocks = column_proposal.warn_of_clocks(placed, table)
             found += [*placed.warnings, *unused, *clocks, *table.warnings]
         return tuple(found)
-
-
-def _rows_of(
-    table: Table | TableInMemory, placed: Placed, progress: Progress | None = None
-) -> Iterator[Rows]:
-    """Read a table; where its clock stops before another one in it, say so first."""
-    try:
-        yield from table.rows(placed, progress)
-    except RecordingError as error:
-        clocks = column_proposal.warn_of_clocks(placed, table)
-        raise RecordingError(' '.join([*clocks, str(error)])) from error
 
 
 def files_of(path: Path) -> list[Path]:
