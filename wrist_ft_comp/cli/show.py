@@ -241,9 +241,9 @@ def _describe_bag(bag: Bag, topics: Topics, progress: Progress) -> Description:
     if topics.wrench and not topics.force_source and any(c.role == TF for c in candidates):
         with suppress(RecordingError):
             topics = replace(topics, gravity_frame=bags.uppermost_frame(bag, topics))
-    # What TF does not tell is left out; it is said where a person asked for it.
     recording, refusal = None, ''
-    for frame in dict.fromkeys((topics.gravity_frame, '')) if topics.wrench else ():
+    # A frame that nobody asked for, and that TF does not tell, is left out.
+    for frame in dict.fromkeys((topics.gravity_frame, asked)) if topics.wrench else ():
         topics = replace(topics, gravity_frame=frame)
         try:
             opened = read.OpenBag(bag, parse_options(topics))
@@ -252,7 +252,6 @@ def _describe_bag(bag: Bag, topics: Topics, progress: Progress) -> Description:
             break
         except RecordingError as error:
             refusal = str(error)
-            warnings = *warnings, *([refusal] if frame and asked else [])
 
     temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
     wrench = topics.wrench.strip('/')
@@ -375,9 +374,8 @@ def _recording_lines(
         yield table(['channel', 'type or unit', 'samples', 'per second', 'used as'], rows)
     yield from _candidate_lines(summary.candidates)
     if (directions := summary.gravity_directions) is not None:
-        source = f' of {summary.topics.imu}' if summary.topics.imu else ''
-        if summary.topics.gravity_frame:
-            source = f' by TF, if z of {summary.topics.gravity_frame} is up'
+        frame = summary.topics.gravity_frame
+        source = f' by TF, if z of {frame} is up' if frame else ''
         yield filled(
             f'specific force{source}: gravity moved along {directions} of 3 directions; a payload '
             'needs 2: tilt the tool about two axes.'
