@@ -16,7 +16,7 @@ from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY, SENSOR_FACTS, tempe
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.terminal import filled, print_result, progress_bar, table
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, StateFileError
+from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.data_checks import check_recordings, silent_stretches
 from wrist_ft_comp.learning import days
 from wrist_ft_comp.payload.mass_and_center import CONTRAST
@@ -28,7 +28,6 @@ from wrist_ft_comp.recordings.bag import Bag, Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.recordings.column_proposal import OPEN, suffix_of
 from wrist_ft_comp.recordings.read_options import MAP_FILE, parse_options, recipe
 from wrist_ft_comp.report.advice import run_command
-from wrist_ft_comp.report.html_page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, part_of, Progress, rounded
 from wrist_ft_comp.stored.model_file import KIND as MODEL
@@ -71,12 +70,15 @@ def run(arguments: argparse.Namespace) -> int:
     figure, code = None, 0
     refusal = f'{path} is no recording, and no folder of a node that learns.'
     lines: Sequence[str | Table]
-    if REPORT.is_own(path):
-        document: dict[str, object] = {'name': path.name, 'kind': 'report'}
-        lines = [f'{path}: a report of wrist_ft_comp; open it in a browser']
-    elif (path / 'days').is_dir():
-        diary = days.survey(path)
-        described_days, lines = _node_days(path, diary)
+    document: dict[str, object]
+    if (path / 'days').is_dir():
+        diary, memory = days.survey(path), days.load_memory(path) or days.Memory()
+        lines = days_text(path, diary, memory)
+        described_days = {
+            'days': [{**vars(day), 'known': sorted(day.known)} for day in diary.days],
+            'paused': diary.paused, 'summary': summary(diary),
+            'node': {**vars(memory), 'change': days.last_change(diary.history)},
+        }  # fmt: skip
         document = {str(path): described_days}
         if arguments.picture:
             figure = pictures.days_figure(
@@ -113,24 +115,6 @@ def run(arguments: argparse.Namespace) -> int:
         pictures.PICTURE.write(arguments.picture, pictures.png(figure))
     print_result(lines, document, as_json=arguments.json)
     return code
-
-
-def _node_days(folder: Path, diary: days.Diary) -> tuple[dict[str, object], list[str]]:
-    """Describe the days of a node, as plain values and in words."""
-    memory, warnings = days.Memory(), list[str]()
-    try:
-        memory = days.load_memory(folder) or memory
-    except StateFileError as error:
-        warnings.append(str(error))
-    words = [*days_text(folder, diary, memory), *(f'warning: {said}' for said in warnings)]
-    without, left = usual_drift(diary)
-    return {
-        'days': [{**vars(day), 'known': sorted(day.known)} for day in diary.days],
-        'paused': diary.paused,
-        'summary': {'sentence': summary(diary), 'force_n': {'without': without, 'left': left}},
-        'node': {**vars(memory), 'change': days.last_change(diary.history)},
-        'warnings': warnings,
-    }, words
 
 
 def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
@@ -482,21 +466,17 @@ def drift_left(diary: days.Diary) -> FloatArray:
     return np.array([(day.rms_left(days.NONE), day.rms_left(day.live)) for day in diary.days])
 
 
-def usual_drift(diary: days.Diary) -> list[float]:
-    """Take the medians of both over days with a live model, if there are any, or else over all."""
-    drifts = drift_left(diary)
+def summary(diary: days.Diary) -> str:
+    """Say in one sentence what drifted on a usual day, and what was left of it."""
+    dates = dict.fromkeys(map(when, (diary.days[0], diary.days[-1])))
+    count, drifts = len(diary.days), drift_left(diary)
+    head = f'{count} {"day" if count == 1 else "days"}, {" to ".join(dates)}'
+    # Days with a live model, if there are any, or else all.
     with_model = np.isfinite(drifts).all(axis=1)
     judged = drifts[with_model if with_model.any() else np.isfinite(drifts[:, 0])]
-    return np.median(judged, axis=0).tolist() if len(judged) else [np.nan, np.nan]
-
-
-def summary(diary: days.Diary) -> str:
-    """Say in one sentence what drifted, and what was left of it."""
-    (without, left), count = usual_drift(diary), len(diary.days)
-    dates = dict.fromkeys(map(when, (diary.days[0], diary.days[-1])))
-    head = f'{count} {"day" if count == 1 else "days"}, {" to ".join(dates)}'
-    if np.isnan(without):
+    if not len(judged):
         return f'{head}: none is judged yet.'
+    without, left = np.median(judged, axis=0).tolist()
     sentence = f'{head}: on a usual day a force drifted by {rounded(without, 2)} N (RMS)'
     if np.isnan(left):
         return f'{sentence}; no model was live.'
