@@ -382,7 +382,7 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
     yield table(['as', 'values', 'topic'], rows)
     yield ''
     alike: dict[tuple[str, str], str] = {}  # one sentence for all numbers of a topic
-    for entry, reads in ((c.entry, c.reads) for c in candidates if c.reads):
+    for entry, reads in ((c.entry, c.reads) for c in candidates):
         if suffix := suffix_of(*reads):
             alike.setdefault((entry.partition(':')[0], suffix), entry)
     for (_, suffix), entry in alike.items():

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import difflib
 from itertools import chain, islice
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -328,8 +328,7 @@ def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
         yield Samples((channels.ROTATION_CHANNEL,), times_ns[turned], speed[turned, np.newaxis])
     if not found:
         raise RecordingError(
-            f'{bag.name}: {gravity.missing()} Name another --gravity-frame; of a split bag, name '
-            'the folder: /tf_static is in its first file.'
+            f'{bag.name}: {gravity.missing()} Name another --gravity-frame, or all of a split bag.'
         )
 
 
@@ -393,47 +392,29 @@ _SUGGESTED = 2
 class Candidate:
     """A topic, or a number in its messages, that may be used, and how good it is."""
 
-    #: RAW_WRENCH, TEMPERATURE, IMU or TF.
     role: str
     #: As an option takes it: a topic, or ``topic:field``.
     entry: str
     samples: int
     #: Whether the stamps are the headers'; else times of arrival.
     stamped: bool
-    #: Lowest and highest reading, in the driver's unit; None but for temperatures.
-    reads: tuple[float, float] | None = None
+    #: Lowest and highest reading, in the driver's unit; NaN but for temperatures.
+    reads: tuple[float, float]
 
     @property
     def moves(self) -> bool:
         """Whether it is a temperature that moved."""
-        return self.reads is not None and self.reads[1] - self.reads[0] >= _MOVES_K
+        return self.reads[1] - self.reads[0] >= _MOVES_K
 
 
-@dataclass(eq=False)
-class _Tally:
-    """What the messages of a connection held."""
+class _Usable(NamedTuple):
+    """A connection that may be used, as what, and where its messages have temperatures."""
 
     connection: Connection
     role: str
-    #: Where the temperatures are; empty of a sensor_msgs/Temperature.
+    #: Empty of a sensor_msgs/Temperature.
     paths: Sequence[Path] = ((),)
     reader: NumberReader | None = None
-    stamped: bool = False
-    #: Of each temperature, in the order of the paths.
-    low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
-    high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
-
-    def candidates(self) -> Iterator[Candidate]:
-        """Make the candidates of the connection."""
-        topic, samples = self.connection.topic, self.connection.msgcount
-        if self.role != TEMPERATURE:
-            yield Candidate(self.role, topic, samples, self.stamped)
-            return
-        # What has no stamp counts at its time of arrival where it is read as a field.
-        plain = topic if self.stamped else f'{topic}:temperature'
-        for path, low, high in zip(self.paths, self.low, self.high, strict=True):
-            entry = f'{topic}:{path_text(path)}' if path else plain
-            yield Candidate(TEMPERATURE, entry, samples, self.stamped, (float(low), float(high)))
 
 
 def survey_bag(
@@ -441,38 +422,50 @@ def survey_bag(
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
     """List what may be used of a bag, by role and topic, and warnings."""
     warnings: list[str] = []
-    tallies: dict[int, _Tally] = {}
+    usable: dict[int, _Usable] = {}
     for connection in (c for c in bag.connections if c.msgcount):
         topic, kind = connection.topic, connection.msgtype
         if role := _ROLES.get(kind):
-            tallies[connection.id] = _Tally(connection, role)
-        else:
-            try:
-                definitions = bag.define(connection)
-            except RecordingError as error:
-                warnings.append(f'Whether it holds temperatures is not known: {error}')
-                continue
-            with suppress(RecordingError):  # a message that cannot be decoded shows none
-                layout = follow(definitions, kind, bag.first(connection))
-                if paths := temperatures_in(layout, topic):
-                    reader = NumberReader(definitions, kind, paths)
-                    tallies[connection.id] = _Tally(connection, TEMPERATURE, paths, reader)
-    read = [number for number, tally in tallies.items() if tally.role != TF]
-    for number, _, messages in bag.grouped(read, progress):
-        if not (tally := tallies.get(number)):
+            usable[connection.id] = _Usable(connection, role)
             continue
         try:
-            stamps_ns, values = decode(bag, tally.connection, messages, tally.reader)
+            definitions = bag.define(connection)
+            layout = follow(definitions, kind, bag.first(connection))
         except RecordingError as error:
-            del tallies[number]
-            warnings.append(f'{tally.connection.topic} cannot be used: {error}')
+            warnings.append(f'Whether {topic} holds temperatures is not known: {error}')
             continue
-        tally.stamped |= bool(stamps_ns.any())
-        if tally.role == TEMPERATURE:
-            values = values[:, : len(tally.paths)]  # behind a Temperature is its variance
-            tally.low = np.fmin(tally.low, np.fmin.reduce(values))
-            tally.high = np.fmax(tally.high, np.fmax.reduce(values))
-    found = [candidate for tally in tallies.values() for candidate in tally.candidates()]
+        if paths := temperatures_in(layout, topic):
+            reader = NumberReader(definitions, kind, paths)
+            usable[connection.id] = _Usable(connection, TEMPERATURE, paths, reader)
+    stamped = set[int]()
+    #: Lowest and highest of each temperature, (2, P).
+    reads: dict[int, FloatArray] = {
+        number: np.full((2, len(one.paths)), np.nan) for number, one in usable.items()
+    }
+    read = {number for number, one in usable.items() if one.role != TF}
+    for number, _, messages in bag.grouped(read, progress):
+        if not (one := usable.get(number)):
+            continue
+        try:
+            stamps_ns, values = decode(bag, one.connection, messages, one.reader)
+        except RecordingError as error:
+            del usable[number]
+            warnings.append(f'{one.connection.topic} cannot be used: {error}')
+            continue
+        if stamps_ns.any():
+            stamped.add(number)
+        if one.role == TEMPERATURE:
+            # Behind a Temperature is its variance.
+            both = np.vstack((reads[number], values[:, : len(one.paths)]))
+            reads[number] = np.stack((np.fmin.reduce(both), np.fmax.reduce(both)))
+    found = []
+    for number, one in usable.items():
+        topic, count, has_stamps = one.connection.topic, one.connection.msgcount, number in stamped
+        # A temperature without a stamp counts at its time of arrival where it is read as a field.
+        plain = topic if has_stamps or one.role != TEMPERATURE else f'{topic}:temperature'
+        for path, low, high in zip(one.paths, *reads[number].tolist(), strict=True):
+            entry = f'{topic}:{path_text(path)}' if path else plain
+            found.append(Candidate(one.role, entry, count, has_stamps, (low, high)))
     found.sort(key=lambda c: ([*_ROLES.values()].index(c.role), c.entry.partition(':')[0]))
     return tuple(found), tuple(warnings)
 
