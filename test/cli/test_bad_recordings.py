@@ -113,7 +113,7 @@ REFUSED = {
     'a thermometer of another clock': (None, 'are 240 s behind those of /wrench_raw', BAGS),
     'no stamp at all': (None, 'header stamp 0', BAGS),
     'thermometer without a stamp': (
-        None, 'header stamp 0.* or name it /temperature:temperature', BAGS),
+        None, 'header stamp 0.* /temperature:temperature takes', BAGS),
     'two sensors on one topic': (None, 'left and right come by turns, and are mixed', BAGS),
     'no topic of a wrench': (None, 'no topic /wrench_raw for the raw wrench', BAGS),
     'wrench and temperature in one message': (

@@ -104,10 +104,7 @@ def test_a_part_is_counted_from_the_first_message_with_a_stamp(write, messages):
 @pytest.mark.parametrize(('topics', 'sentence'), [
     (Topics(temperatures=('/temperature', 'temperature')), 'named twice'),
     (Topics(reference='/ati'), 'no topic /ati for the reference'),
-    (
-        Topics('/raw_wrench'),
-        r'/raw_wrench for the raw wrench; it holds .*/log \(std_.*Did you mean /wrench_raw',
-    ),
+    (Topics('/raw_wrench'), r'/raw_wrench for the raw wrench; it holds .*/wrench_raw.*\. Name'),
 ])  # fmt: skip
 def test_topics_that_the_bag_does_not_hold_are_refused(make_bag, topics, sentence):
     path = make_bag(count=100)
@@ -118,7 +115,7 @@ def test_topics_that_the_bag_does_not_hold_are_refused(make_bag, topics, sentenc
 
 def test_a_bare_file_with_compressed_messages_sends_to_the_folder(make_bag):
     path = make_bag('mcap', 'message', count=100)
-    with pytest.raises(RecordingError, match=r'compressed one by one.*folder'):
+    with pytest.raises(RecordingError, match=r"compressed and the bag's folder was not named"):
         read(path / 'bag.mcap')
 
 

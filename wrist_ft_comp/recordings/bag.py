@@ -8,7 +8,6 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-import difflib
 from itertools import chain, islice
 import re
 from typing import Any, NamedTuple
@@ -111,21 +110,16 @@ class Bag:
         """Find a topic's connections, of a type or any (None); RecordingError where none fits."""
         found, name = self.named(topic), f'/{topic.strip("/")}'
         if not found:
-            kinds = {c.topic: c.msgtype for c in self.connections}
-            fitting = [name for name, kind in kinds.items() if message_type in {kind, None}]
-            near = difflib.get_close_matches(name, fitting, 1, 0.3) or fitting
-            listed = ', '.join(map('{0[0]} ({0[1]})'.format, kinds.items())) or 'no topic at all'
-            meant = f' Did you mean {near[0]}? Then name that topic.' if near else ''
+            fitting = {c.topic for c in self.connections if message_type in {c.msgtype, None}}
             raise RecordingError(
-                f'{self.name} holds no topic {name} for the {role}; it holds {listed}.{meant}'
+                f'{self.name} holds no topic {name} for the {role}; it holds '
+                f'{", ".join(sorted(fitting)) or "none of its type"}. Name another topic.'
             )
         for connection in found:
             if message_type not in {connection.msgtype, None}:
-                is_heat = message_type == cdr.TEMPERATURE
-                inside = f', or a number inside: {topic}:FIELD' if is_heat else ''
                 raise RecordingError(
                     f'{connection.topic} of {self.name} is {connection.msgtype}; the {role} must '
-                    f'be {message_type}. Name another topic{inside}.'
+                    f'be {message_type}. Name another topic, or of a temperature TOPIC:FIELD.'
                 )
         holding = [connection for connection in found if connection.msgcount]
         if not holding:
@@ -216,12 +210,11 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
         raise RecordingError(f'{bag.name}: {stream.sources[channel].missing(layout)}')
     for stream in streams.values():
         if not stream.ahead_ns:
-            topic, remedy = stream.connection.topic, 'and record again'
-            if stream.connection.msgtype == cdr.TEMPERATURE:
-                remedy = f'or name it {topic}:temperature, which takes the times of arrival'
+            topic = stream.connection.topic
             raise RecordingError(
                 f'Every message on {topic} of {bag.name} has the header stamp 0; expected the '
-                f'time of measurement. Let the driver fill header.stamp, {remedy}.'
+                'time of measurement. Let the driver fill header.stamp, and record again; of a '
+                f'temperature, {topic}:temperature takes the times of arrival.'
             )
     # Who sends late, in batches or again, and a bag that is played, have some message in time.
     wrench, *others = streams.values()
@@ -273,23 +266,16 @@ def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
 def decode(
     bag: Bag, connection: Connection, messages: list[bytes], reader: NumberReader | None = None
 ) -> tuple[IntArray, FloatArray]:
-    """
-    Read stamps, ns, (n,), and the doubles of messages, or the reader's numbers, shape (n, P).
-
-    RecordingError, which names bag and topic, where one is damaged.
-    """
-    topic = connection.topic
+    """Read stamps, ns, (n,), and doubles, or the reader's numbers, (n, P), or RecordingError."""
     try:
         if reader is not None:
             return reader.read(messages)
         return cdr.decode_many(messages, cdr.DOUBLES[connection.msgtype])
     except RecordingError as error:
-        if messages[0].startswith(b'\x28\xb5\x2f\xfd'):  # as zstd begins
-            raise RecordingError(
-                f'Messages on {topic} of {bag.name} are compressed one by one, which only '
-                "metadata.yaml tells. Name the bag's folder, after 'ros2 bag reindex' if need be."
-            ) from error
-        raise RecordingError(f'A message on {topic} of {bag.name} is damaged. {error}') from error
+        raise RecordingError(
+            f'A message on {connection.topic} of {bag.name} is damaged, or is compressed and the '
+            f"bag's folder was not named. {error}"
+        ) from error
 
 
 def sensor_of(bag: Bag, topics: Topics) -> SensorNames:
@@ -509,5 +495,5 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     if topics.temperatures != Topics().temperatures:
         return topics
     found = [c for c in candidates if c.role == TEMPERATURE]
-    usable = [c for c in found if c.moves and all(map(is_plausible, c.reads or ()))]
+    usable = [c for c in found if c.moves and all(map(is_plausible, c.reads))]
     return replace(topics, temperatures=tuple(c.entry for c in (usable or found[:1])[:_SUGGESTED]))
