@@ -127,7 +127,7 @@ def identify_lags(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """
     Let none, one or two free time constants compete on the error of the free run.
 
-    A drift that goes on for longer than the recordings is refused.
+    A time constant above half of the longest recording is refused: there it looks like a trend.
     """
     features = build_features(data.temperature_c, settings, data.residual)
     refits: dict[str, Refit] = {}
@@ -139,12 +139,12 @@ def identify_lags(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     if fit.model is None or not fit.model.filters:
         return fit
     tau_s = _time_constants_s(fit.model, data.period_s)
-    if tau_s[-1] >= data.longest_s:
+    if tau_s[-1] > data.longest_s / 2:
         refusal = (
             f'{data.axis} drifts too slowly for these recordings: {fit.chosen} explains it best, '
-            f'but its slowest time constant is at least {data.longest_s:.0f} s, as long as the '
-            f'longest recording. Record at least {2 * data.longest_s / 3600:.1f} h from cold, or '
-            'choose the method pls'
+            f'but its slowest time constant, {tau_s[-1]:.0f} s, is more than half of the longest '
+            f'recording. Record at least {2 * tau_s[-1] / 3600:.1f} h from cold, or choose the '
+            'method pls'
         )
         none = compete(data, {}, may_be_none=True)
         return replace(none, candidates=fit.candidates, refusal=refusal)

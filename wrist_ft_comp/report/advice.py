@@ -19,8 +19,6 @@ from wrist_ft_comp.series import FloatArray
 _IMU_TOPIC = 'imu'
 #: Rise and fall are counted between means over this time, s, so that noise does not count.
 _TREND_S = 300.0
-#: A recording should last for this many slowest time constants.
-_TIME_CONSTANTS = 4.0
 #: A recording should last for at least this time, s.
 _SHORTEST_S = 3600.0
 #: Warming is missing where it is less than this share of cooling, and the other way round.
@@ -76,8 +74,6 @@ class Case:
     #: The command to go on with: it runs a model that was judged, and judges one that was learnt.
     #: Empty where a model was judged on what it was learnt from.
     run: str = ''
-    #: Slowest time constant of a calibration; 0 if unknown.
-    slowest_s: float = 0.0
     #: Of an evaluation: the temperatures that the model learnt, °C.
     learnt_c: Sequence[tuple[float, float]] = ()
     #: Axes of which little is left, though they promise nothing.
@@ -172,13 +168,10 @@ def _recorded(case: Case) -> Iterator[str]:
     """Say what another recording should hold, for a better model."""
     coverage, durations_s = case.coverage, [r.duration_s for r in case.recordings]
     leading = f'thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
-    longest_s, wanted_s = max(durations_s), max(_TIME_CONSTANTS * case.slowest_s, _SHORTEST_S)
-    if longest_s < wanted_s:
-        is_slow = wanted_s > _SHORTEST_S
-        why = f', as the slowest lag is {case.slowest_s / 60:.0f} min' if is_slow else ''
+    if max(durations_s) < _SHORTEST_S:
         yield (
-            f'The longest recording lasts {longest_s / 3600:.1f} h; record '
-            f'{wanted_s / 3600:.1f} h or more{why}.'
+            f'The longest recording lasts {max(durations_s) / 3600:.1f} h; record '
+            f'{_SHORTEST_S / 3600:.1f} h or more.'
         )
     up, down = coverage.risen_k, coverage.fallen_k
     if min(up, down) < _ONE_WAY_SHARE * max(up, down):

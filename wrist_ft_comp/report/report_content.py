@@ -11,7 +11,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import AxisModel, StoredModel
 from wrist_ft_comp.fit.folds import averaged_cells, averaged_s, mean_over
-from wrist_ft_comp.fit.result import AxisFit, Calibration, HeldOut, rms_by_fold
+from wrist_ft_comp.fit.result import Calibration, HeldOut, rms_by_fold
 from wrist_ft_comp.payload.mounted_payloads import COUNTS
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, Topics
@@ -142,7 +142,6 @@ def calibration_content(
     reference = calibration.settings.reference if calibration.settings else 'unloaded'
     # At work, what a payload weighs is the load that was known.
     coverage = advices.cover(recordings if work is None else work.drift)
-    longest_s = max(recording.duration_s for recording in recordings)
     axes: list[AxisView] = []
     levels: dict[str, verdicts.Level] = {}
     for axis, fit in fits.items():
@@ -156,8 +155,7 @@ def calibration_content(
         errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, widening * after)
         verdict = verdicts.judge(verdicts.Evidence(
             fit.unit, errors, series.noise, compensated=fit.model is not None, widening=widening,
-            parts=rms_by_fold(held_out), slowest_s=_slowest_s(fit), longest_s=longest_s,
-            refusal=fit.refusal,
+            parts=rms_by_fold(held_out), refusal=fit.refusal,
             promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift)))  # fmt: skip
         entry = stored.document['axes'][axis]
         axes.append(AxisView(axis, fit.unit, verdict, errors, series, entry, fit.day_limit))
@@ -167,7 +165,6 @@ def calibration_content(
     case = advices.Case(
         recordings, coverage, reference, levels, calibration.warnings,
         run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
-        slowest_s=max(map(_slowest_s, fits.values()), default=0.0),
         explained=[axis for axis in fits if fits[axis].share_left <= verdicts.GOOD_REMAINDER],
     )  # fmt: skip
     legend, first = _FIGURES, next(iter(fits.values())).held_out
@@ -285,9 +282,3 @@ def model_sources(stored: StoredModel) -> list[tuple[str, str]]:
         for source in (recordings if isinstance(recordings, list) else [])
         if isinstance(source, dict)
     ]
-
-
-def _slowest_s(fit: AxisFit) -> float:
-    """Find the slowest time constant that was searched, s; those of a bank are given."""
-    pairs = zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
-    return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)

@@ -5,8 +5,7 @@ Is an axis' compensation good? One table of thresholds, one sentence with the nu
 |---|---|
 | good | at most 25 % of the drift is left, or what is left is below 1.5 times the noise |
 | weak | more is left; or a part of the data got worse and keeps 25 % of the axis' drift or more; |
-| | or the slowest time constant is above half of the longest recording, where it looks like a |
-| | trend; or no limit of another day's errors can be promised; or an error is above that limit |
+| | or no limit of another day's errors can be promised; or an error is above that limit |
 | harmful | more is left than without, and than the noise; here as of a part, 5 % may be chance |
 | uncalibrated | no compensation: nothing that was tried was better, or there is no drift |
 | unjudged | no thermometer moved by 0.5 K within a recording while the axis was read |
@@ -38,8 +37,6 @@ NOISE_MARGIN = 1.5
 #: A model predicts the same drift all the time where its thermometers move by less, K: their noise
 #: and quanta are up to 0.2 K, and a calibration wants 3 K.
 SMALLEST_CHANGE_K = 0.5
-#: A time constant longer than this share of the longest recording is not sure.
-SURE_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -61,10 +58,6 @@ class Evidence:
     widening: float = 1.0
     #: How far a thermometer moved within a recording while the axis was read, at most, K.
     moved_k: float = math.inf
-    #: Slowest time constant; 0 if unknown.
-    slowest_s: float = 0.0
-    #: Longest recording; 0 if unknown.
-    longest_s: float = 0.0
     #: Whether another day stays below a limit that is smaller than the drift, as far as is known.
     promised: bool = True
     #: What the largest error with compensation stays below on 9 of 10 days; NaN if unknown.
@@ -114,11 +107,6 @@ def judge(evidence: Evidence) -> Verdict:
         doubts.append(
             f'in {np.count_nonzero(worse)} of {len(worse)} parts it leaves more than no '
             'compensation'
-        )
-    if evidence.slowest_s > SURE_SHARE * evidence.longest_s > 0:
-        doubts.append(
-            f'its slowest time constant, {evidence.slowest_s:.0f} s, is not sure after '
-            f'{evidence.longest_s:.0f} s of recording'
         )
     if not evidence.promised:
         doubts.append('the limit for another day is not known, so record one more day')
