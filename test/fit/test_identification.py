@@ -110,8 +110,6 @@ def test_hats_stand_on_the_plateaus():
     ({'features': 'hat'}, "Unknown features 'hat'"), ({'n': -1, 'm': 1}, '^n must'),
     ({'n': 1, 'm': 0}, '^m must'), ({'n': 1, 'm': 1, 'd': -1}, '^d must'),
     *(({'degree': n}, f'between 1 and 4; got {n}') for n in (0, 5, 2.5, np.nan)),
-    *(({'latents': n}, f'^latents must .* at least 1; got {n}') for n in (0, np.nan, np.inf)),
-    ({'latents': 3, 'orders': (Orders(1, 1, 0),) * 2}, 'of 2 latents do not fit 3 latents'),
 ])  # fmt: skip
 def test_settings_outside_their_range_are_refused(change, sentence):
     kind = CalibrationSettings if OF_CALIBRATION & set(change) else IdentificationSettings

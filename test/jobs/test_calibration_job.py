@@ -29,7 +29,7 @@ OTHER = CalibrationJob(
     settings=CalibrationSettings(
         reference='recorded', min_temperature_span_k=1.25,
         identification=IdentificationSettings(
-            method='filtered_pls', features='hats', degree=3, latents=2,
+            method='filtered_pls', features='hats', degree=3,
             orders=(Orders(2, 2, 1), Orders(1, 1, 0, direct=True)),
         ),
     ),

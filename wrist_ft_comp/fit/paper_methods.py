@@ -57,8 +57,8 @@ def identify_paper_method(data: AxisData, settings: IdentificationSettings) -> A
     features = build_features(data.temperature_c, settings, data.residual)
     method, orders = settings.method, settings.orders
     # Hats take all latents, so that every knot keeps its own coefficients.
-    fixed = settings.latents or (len(orders) if len(orders) > 1 else 0)
-    fixed = fixed or (features.width if features.kind == 'hats' else 0)
+    fixed = features.width if features.kind == 'hats' else 0
+    fixed = len(orders) if len(orders) > 1 else fixed
     most = fixed or features.width
     structures: dict[str, Structure] = {'': (0.0,)}
     if method == 'filtered_pls':
@@ -113,7 +113,7 @@ def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     width = build_features(data.temperature_c, hats, data.residual).width
 
     def fit_zero(part: AxisData) -> Fitted:
-        model, notes = fit_structure(hats, (0.0,) * (settings.latents or width), part)
+        model, notes = fit_structure(hats, (0.0,) * width, part)
         if model is None:
             return None, notes
         names = 'output_loadings', 'output_weight', 'output_mean'

@@ -55,8 +55,6 @@ class IdentificationSettings:
     #: Highest power of temperature, 1 to 4; auto and arx_pls_oe also try the lower ones. None
     #: means 3 for auto, which shrinks gains of high powers, and 2 for the others.
     degree: int | None = None
-    #: Number of latents of the paper's methods; None lets held-out folds choose.
-    latents: int | None = None
     #: Orders of each latent of arx_pls, or one for all; empty lets held-out folds choose.
     orders: tuple[Orders, ...] = ()
 
@@ -65,13 +63,6 @@ class IdentificationSettings:
         _check_choice('features', self.features, get_args(FeatureKind))
         if self.degree not in {None, 1, 2, 3, 4}:
             raise SettingsError(f'The degree must be between 1 and 4; got {self.degree}.')
-        if self.latents is not None:
-            check_range('latents', self.latents, 1)
-        if len(self.orders) > 1 and self.latents not in {None, len(self.orders)}:
-            raise SettingsError(
-                f'Orders of {len(self.orders)} latents do not fit {self.latents} latents; give '
-                'them once for all latents, or once per latent.'
-            )
 
     @property
     def highest_degree(self) -> int:
