@@ -133,10 +133,6 @@ class Proposal(NamedTuple):
         )
         if OPEN in self.columns:
             sentence += f' Put the name or the number of a column in the place of {OPEN}.'
-        if f'force_z={OPEN}' in self.columns and len(names) > self.columns.count('='):
-            sentence += f' Add other axes behind it, such as ,force_x={OPEN},torque_z={OPEN}.'
-        if f'{STAMP}={OPEN}' in self.columns:
-            sentence += ' Of rows at a fixed rate, stamp=#*0.01 is a hundred a second.'
         if f'temperature_c={OPEN}' in self.columns:
             sentence += ' If it is in another file of this clock, join both: force.csv+heat.csv.'
         return sentence
