@@ -42,7 +42,7 @@ def test_a_compensated_recording_is_neither_compensated_nor_learnt_from(
     ):  # fmt: skip
         assert 'once.csv was compensated already' in run(*argv).sentence
         assert not twice.exists()
-    assert run('show', once, '--picture', tmp_path / 'once.png').code == 0
+    assert run('show', once).code == 0
 
 
 def test_the_output_topic_has_a_name(model, done, bags, tmp_path):

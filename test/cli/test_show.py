@@ -182,13 +182,6 @@ def test_a_damaged_memory_is_refused(run, folder):
     assert sentence in run('show', folder).sentence
 
 
-def test_a_picture_of_a_recording_is_drawn_or_a_sentence_says_why_not(
-    run, drift_csv, model, tmp_path
-):
-    picture, empty = tmp_path / 'day.png', tmp_path / 'empty.csv'
-    assert not run('show', drift_csv, '--picture', picture).code
-    assert picture.read_bytes().startswith(b'\x89PNG')
-    empty.write_text('stamp_s,force_z,temperature_c\n0,,20\n')
-    said = run('show', empty, '--picture', tmp_path / 'none.png').sentence
-    assert 'There is nothing to draw. It holds no raw wrench' in said
-    assert 'is no recording, and no folder' in run('show', model, '--picture', 'a.png').sentence
+def test_days_alone_are_drawn(run, model, tmp_path):
+    said = run('show', model, '--picture', tmp_path / 'a.png').sentence
+    assert 'is no folder of a node that learns, whose days are drawn' in said

@@ -55,22 +55,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='MODEL.yaml, REC, payloads.json, or a data_directory with days')  # fmt: skip
     parser.add_argument(
         '--picture', type=Path, metavar='PICTURE.png',
-        help="draw a recording, or a node's days: what drifted, and what was left")  # fmt: skip
+        help="draw a node's days: what drifted, and what was left")  # fmt: skip
     options.add_topics(parser)
     options.add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    path = arguments.file
-    if arguments.picture:
-        from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
-
-        pictures.PICTURE.check_target(arguments.picture, [path])
-    figure, code = None, 0
-    refusal = f'{path} is no recording, and no folder of a node that learns.'
+    path, code = arguments.file, 0
     lines: Sequence[str | Table]
     document: dict[str, object]
+    if arguments.picture and not (path / 'days').is_dir():
+        raise RecordingError(f'{path} is no folder of a node that learns, whose days are drawn.')
     if (path / 'days').is_dir():
         diary, memory = days.survey(path), days.load_memory(path) or days.Memory()
         lines = days_text(path, diary, memory)
@@ -81,9 +77,12 @@ def run(arguments: argparse.Namespace) -> int:
         }  # fmt: skip
         document = {str(path): described_days}
         if arguments.picture:
-            figure = pictures.days_figure(
-                summary(diary), [when(day) for day in diary.days], drift_left(diary)
-            )
+            from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
+
+            dates, drift = [when(day) for day in diary.days], drift_left(diary)
+            pictures.PICTURE.check_target(arguments.picture)
+            figure = pictures.days_figure(summary(diary), dates, drift)
+            pictures.PICTURE.write(arguments.picture, pictures.png(figure))
     elif path.suffix in {'.yaml', '.yml'} or MODEL.is_own(path):
         stored = load_model(path)
         document, lines = {'sha256': stored.sha256, **stored.document}, [*_model_lines(stored)]
@@ -107,12 +106,6 @@ def run(arguments: argparse.Namespace) -> int:
         usable = words if described.is_open or not refusal else []
         document = {**vars(described), 'commands': usable, 'refusal': refusal}
         lines = [*_recording_lines(described, words, refusal)]
-        if arguments.picture and recording:
-            figure = pictures.recording_figure(recording)
-    if arguments.picture:
-        if figure is None:
-            raise RecordingError(f'There is nothing to draw. {refusal}')
-        pictures.PICTURE.write(arguments.picture, pictures.png(figure))
     print_result(lines, document, as_json=arguments.json)
     return code
 

@@ -16,7 +16,6 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report.report_content import ErrorSeries, starts_h
 from wrist_ft_comp.series import FloatArray, IntArray, rounded
@@ -156,28 +155,6 @@ def days_figure(sentence: str, dates: Sequence[str], drift: FloatArray) -> Figur
     # A few wild days must not flatten the others.
     panel.set_ylim(0, min(2 * np.quantile(highest, 0.9), 1.1 * highest.max()) or 1.0)
     panel.legend(loc='lower left', bbox_to_anchor=(0, 1), ncols=2, frameon=False, borderaxespad=0)
-    return figure
-
-
-def recording_figure(recording: Recording) -> Figure:
-    """Draw temperatures and wrench of a recording."""
-    axes = [AXES.index(axis) for axis in recording.axes_present]
-    heights = [2.2, *[1.4] * len(axes)]  # inches
-    figure = Figure(figsize=(_WIDTH, sum(heights)), layout='constrained')
-    figure.suptitle(recording.name, x=0.01, ha='left', weight='bold', size=12, parse_math=False)
-    panels = figure.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-    hours, part = recording.elapsed_s / 3600, np.zeros(len(recording), dtype=np.int64)
-    panels[0].set_ylabel('temperature, °C')
-    _thermometers(panels[0], hours, recording.temperature_c, part)
-    for panel, column in zip(panels[1:], axes, strict=True):
-        panel.set_ylabel(f'{AXES[column]}, {axis_unit(AXES[column])}')
-        held = np.isfinite(recording.wrench[:, column])
-        _line(panel, hours[held], recording.wrench[held, column], part[held], **_SOLID)
-    panels[-1].set_xlabel('time, h')
-    for panel in panels:
-        _frame(panel)
-    figure.align_ylabels(panels)
-    panels[0].legend(loc='best', frameon=False, ncols=4)
     return figure
 
 
