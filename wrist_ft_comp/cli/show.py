@@ -24,8 +24,8 @@ from wrist_ft_comp.payload.weight import Payload, payload_line
 from wrist_ft_comp.recording import clock_time, Recording, Topics
 from wrist_ft_comp.recordings import bag as bags
 from wrist_ft_comp.recordings import read
-from wrist_ft_comp.recordings.bag import Bag, Candidate, RAW_WRENCH, TEMPERATURE, TF
-from wrist_ft_comp.recordings.column_proposal import OPEN, suffix_of
+from wrist_ft_comp.recordings.bag import Bag, RAW_WRENCH, TEMPERATURE, TF
+from wrist_ft_comp.recordings.column_proposal import OPEN
 from wrist_ft_comp.recordings.read_options import MAP_FILE, parse_options, recipe
 from wrist_ft_comp.report.advice import run_command
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
@@ -349,7 +349,11 @@ def _recording_lines(
     else:
         yield f'{summary.name}: {summary.kind}, {span}'
         yield table(['channel', 'type or unit', 'samples', 'per second', 'used as'], rows)
-    yield from _candidate_lines(summary.candidates)
+    if summary.candidates:
+        yield '\nWhat could be used, with the values of temperatures as they are read:'
+        rows = [[c.role, _range(c.reads), c.entry] for c in summary.candidates]
+        yield table(['as', 'values', 'topic'], rows)
+        yield ''
     if (directions := summary.gravity_directions) is not None:
         frame = summary.topics.gravity_frame
         source = f' by TF, if z of {frame} is up' if frame else ''
@@ -364,24 +368,6 @@ def _recording_lines(
 def _range(reads: tuple[float, float] | None) -> str:
     """Write lowest and highest reading of a temperature, if there are any."""
     return '{:.1f} to {:.1f}'.format(*reads) if reads and reads[0] <= reads[1] else ''
-
-
-def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
-    """Say how good the topics are that may be used; their names come last, whole, to be copied."""
-    if not candidates:
-        return
-    yield '\nWhat could be used, with the values of temperatures as they are read:'
-    rows = [[c.role, _range(c.reads), c.entry] for c in candidates]
-    yield table(['as', 'values', 'topic'], rows)
-    yield ''
-    alike: dict[tuple[str, str], str] = {}  # one sentence for all numbers of a topic
-    for entry, reads in ((c.entry, c.reads) for c in candidates):
-        if suffix := suffix_of(*reads):
-            alike.setdefault((entry.partition(':')[0], suffix), entry)
-    for (_, suffix), entry in alike.items():
-        unit = 'kelvin' if suffix == ':K' else 'tenths of °C'
-        field = '' if ':' in entry else ':temperature'
-        yield f'If {entry} is in {unit}, write {entry}{field}{suffix}.'
 
 
 def _refusal(summary: RecordingSummary, recording: Recording | None) -> str:
