@@ -45,10 +45,11 @@ def test_a_compensated_recording_is_neither_compensated_nor_learnt_from(
     assert run('show', once).code == 0
 
 
-def test_the_output_topic_has_a_name(model, done, bags, tmp_path):
-    argv = ['compensate', model, bags['mcap'], '--output-topic', 'clean']
-    done(*argv, '-o', tmp_path / 'out')
-    assert '/clean ' in done('show', tmp_path / 'out')
+def test_the_copy_of_a_bag_is_not_compensated_again(model, done, run, bags, tmp_path):
+    done('compensate', model, bags['mcap'], '-o', tmp_path / 'out')
+    assert '/wrench_without_drift ' in done('show', tmp_path / 'out')
+    said = run('compensate', model, tmp_path / 'out', '-o', tmp_path / 'again').sentence
+    assert 'out holds /wrench_without_drift already. Name the raw recording.' in said
 
 
 def test_compensation_without_a_tare_warns_of_the_offset(run, make, model, bags, tmp_path):

@@ -25,11 +25,11 @@ _UNTARED = (
 )
 HELP = 'remove the drift from a recording'
 DESCRIPTION = """\
-Write a recording with compensated wrenches.
-In bags they come beside the raw ones, on a topic of their own. Of a table they
-replace them, in a CSV file with this package's columns and units, which is
-marked as compensated and not compensated again. An existing file or folder is
-never overwritten. Without a tare every axis keeps a constant offset."""
+Write a recording with compensated wrenches. In bags they come beside the raw
+ones, on the topic /wrench_without_drift. Of a table they replace them, in a CSV
+file with this package's columns and units, which is marked as compensated and
+not compensated again. An existing file or folder is never overwritten. Without
+a tare every axis keeps a constant offset."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,9 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--tare', type=float, default=0.0, metavar='SECONDS', help='tare on the first SECONDS, '
         'which must be unloaded (default: 0, no tare)')  # fmt: skip
     options.add_json(parser)
-    options.add_topics(parser).add_argument(
-        '--output-topic', type=options.topic, default='/wrench', metavar='TOPIC',
-        help='of compensated wrenches (default: %(default)s)')  # fmt: skip
+    options.add_topics(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -51,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     source, target = arguments.recording, arguments.output
     topics = options.topics_from(arguments, [source])
     check_range('--tare', arguments.tare, 0.0)
-    check_copy(source, topics, target, arguments.output_topic, [arguments.model])
+    check_copy(source, topics, target, [arguments.model])
     stored = load_model(arguments.model)
     model, warnings = stored.model, [] if arguments.tare else [_UNTARED]
     with progress_bar('compensating') as progress, ExitStack() as stack:
@@ -66,8 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         tare = initial_tare(model, recording, arguments.tare)
         warnings += rewrite_recording(
             source, target, lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare),
-            topics=topics, output_topic=arguments.output_topic,
-            progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
+            topics=topics, progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
     warnings += range_warnings(stored, recording)
     taken_off = dict(zip(AXES, tare.tolist(), strict=True))
     document = {'output': target, 'tare': taken_off, 'warnings': warnings}

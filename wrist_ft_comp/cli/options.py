@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-import re
 from typing import get_args, NoReturn
 
 from wrist_ft_comp.errors import RecordingError, UsageError, WristFtCompError
@@ -29,15 +28,6 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f'{message.rstrip(".")}. See {self.prog} --help.')
 
 
-def topic(text: str) -> str:
-    """Parse the name of a topic that is to be made, for ``add_argument(type=…)``."""
-    if re.fullmatch(r'/?[a-z_]\w*(/[a-z_]\w*)*', text, re.ASCII | re.IGNORECASE):
-        return text
-    raise argparse.ArgumentTypeError(
-        f'expected words of letters, digits and _, joined by /, such as /wrench; got {text!r}'
-    )
-
-
 def add_recordings(parser: argparse.ArgumentParser, default: str) -> None:
     """Add recordings, and what the true wrench was in them; ``default`` says what it is else."""
     parser.add_argument('recordings', nargs='+', type=Path, metavar='REC', help=RECORDING_HELP)
@@ -48,8 +38,8 @@ def add_recordings(parser: argparse.ArgumentParser, default: str) -> None:
         f'raw one); default: {default}')  # fmt: skip
 
 
-def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add the names of topics in bags; returns their group."""
+def add_topics(parser: argparse.ArgumentParser) -> None:
+    """Add the names of topics in bags, and what columns of tables are."""
     group = parser.add_argument_group('topics in bags')
     group.add_argument(
         '--wrench-topic', metavar='TOPIC',
@@ -80,7 +70,6 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         '--time', default='', metavar='FORM',
         help='what its stamps are: s, ms, us, ns, min, h, d, excel, datenum, iso, timedelta, or a '
         'form such as "%%d.%%m.%%y %%H:%%M"')  # fmt: skip
-    return group
 
 
 def add_part_and_report(parser: argparse.ArgumentParser) -> None:

@@ -466,7 +466,7 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     same holds for IMUs. Of an array, the highest number. Without a raw wrench, its topic is empty.
     """
     raw = [c for c in candidates if c.role == RAW_WRENCH]
-    # /wrench is what compensate adds.
+    # /wrench is what the node publishes.
     raw.sort(key=lambda c: (c.entry == '/wrench' or bool(TREATED.search(c.entry)), -c.samples))
     raw.sort(key=lambda c: c.entry.strip('/') != topics.wrench.strip('/'))
     wrench = raw[0].entry if raw else ''

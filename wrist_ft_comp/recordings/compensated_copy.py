@@ -18,27 +18,29 @@ from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.stored.safe_file import Output, writing
 from wrist_ft_comp.wire import cdr
 
+#: Topic of the corrected wrench in the copy of a bag.
+OUTPUT = '/wrench_without_drift'
 
-def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its default
+
+def rewrite_recording(
     source: Path | str,
     target: Path | str,
     correct: Correction,
     *,
     topics: Topics | None = None,
-    output_topic: str = '/wrench',
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
     """
     Copy a recording with its wrench corrected; says what was left out.
 
     A table becomes a CSV recording with this package's columns and units; a bag stays a bag and
-    gets the corrected wrench on a topic of its own, ``output_topic``. The target must not exist;
+    gets the corrected wrench on a topic of its own, OUTPUT. The target must not exist;
     for a bag it is a folder, not compressed. ``correct`` gets consecutive pieces, NaN for absent
     axes. RecordingError when the source cannot be read or the target cannot be made; a failure
     leaves nothing behind.
     """
     source, target, topics = Path(source), Path(target), topics or Topics()
-    copy = check_copy(source, topics, target, output_topic)
+    copy = check_copy(source, topics, target)
     with (
         writing(target),
         TemporaryDirectory(prefix=f'.{target.name}.', dir=target.parent) as folder,
@@ -48,30 +50,26 @@ def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its def
         if isinstance(opened, OpenTable):
             _write_table(opened, made, correct, progress)
         else:
-            _write_bag(opened, made, correct, output_topic, progress)
+            _write_bag(opened, made, correct, progress)
         copy.check_target(target)
         made.rename(target)
         return opened.warnings
 
 
-def check_copy(
-    source: Path, topics: Topics, target: Path, output_topic: str, others: Sequence[Path] = ()
-) -> Output:
-    """Refuse a target of a copy, or a topic that is added to it, before anything is read."""
+def check_copy(source: Path, topics: Topics, target: Path, others: Sequence[Path] = ()) -> Output:
+    """Refuse a target of a copy, or a copy of a copy, before anything is read."""
     copy = Output(name='copy', endings='.csv')
     with open_recording(source, topics) as opened:
         if isinstance(opened, OpenBag):
             copy = Output(name='copy of a bag (a folder)', endings='nothing')
-            if opened.bag.named(output_topic):
-                raise OutputError(
-                    f'{opened.name} holds {output_topic} already; name another output topic.'
-                )
+            if opened.bag.named(OUTPUT):
+                raise OutputError(f'{opened.name} holds {OUTPUT} already. Name the raw recording.')
     copy.check_target(target, [source, *others])
     return copy
 
 
 def _write_bag(
-    source: OpenBag, target: Path, correct: Correction, output: str, progress: Progress | None
+    source: OpenBag, target: Path, correct: Correction, progress: Progress | None
 ) -> None:
     """Copy every message into the same storage; add wrenches at the times of the raw one."""
     bag = source.bag
@@ -79,7 +77,7 @@ def _write_bag(
     numbers = {wrench.id for wrench in wrenches}
     with backend().write_bag(target, bag.storage) as (add, write):
         copies = {c.id: add(c, c.topic, c.msgtype) for c in bag.connections}
-        added = add(wrenches[0], f'/{output.strip("/")}', cdr.WRENCH)
+        added = add(wrenches[0], OUTPUT, cdr.WRENCH)
         for batch in bag.batches(bag.connections, progress):
             of_wrench = [(ns, data) for connection, ns, data in batch if connection.id in numbers]
             messages = [data for _, data in of_wrench]
