@@ -59,7 +59,9 @@ def check_recordings(
         if problem := order_problem(first.sensor, other.sensor):
             raise CalibrationRefusedError(f'{first.name} and {other.name} differ: {problem}')
     for one, other in combinations(recordings, 2):
-        if _are_the_same(one, other):
+        # By their stamps, or, where these are others, from the first or to the last ones on.
+        shifts = {0, len(one) - len(other), other.first_cell - one.first_cell}
+        if any(_are_equal(one, other, shift) for shift in shifts):
             raise CalibrationRefusedError(
                 f'{other.name} holds readings of {one.name}: it is the same day, or a part of '
                 'it, in another form. Name one of them only.'
@@ -93,15 +95,8 @@ def check_recordings(
     return np.stack((learnt_c.min(axis=0), learnt_c.max(axis=0)), axis=1)
 
 
-def _are_the_same(one: Recording, other: Recording) -> bool:
-    """Whether readings that both have are equal up to their noise; it never repeats."""
-    # By their stamps, or, where these are others, from the first or to the last ones on.
-    shifts = {0, len(one) - len(other), other.first_cell - one.first_cell}
-    return any(_are_equal(one, other, shift) for shift in shifts)
-
-
 def _are_equal(one: Recording, other: Recording, shift: int) -> bool:
-    """Whether two read the same, up to their noise, where the other begins some cells later."""
+    """Whether two read the same, up to noise, which never repeats, if one begins cells later."""
     begin, end = max(shift, 0), min(len(one), len(other) + shift)
     # What stands still looks the same on all days, as before a start that was broken off.
     moved_k = np.ptp(one.temperature_c[begin:end], axis=0) if end - begin >= MIN_SAMPLES else 0.0
