@@ -12,7 +12,7 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.column_map import parse_map
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.recordings.read_options import Excerpt, parse_excerpt
+from wrist_ft_comp.recordings.read_options import Excerpt, parse_options
 from wrist_ft_comp.units import known_unit
 
 ROWS = 3600
@@ -104,15 +104,16 @@ def test_a_bump_is_left_out_and_named_by_the_files_own_time(logs, run):
 
 def test_a_part_is_chosen_in_every_way_of_writing_a_time(logs, run):
     parts = Excerpt(4800, 5400, ((4800, 4860),))
-    assert parse_excerpt('80min', '1.5h', ['1:20:00..81min']) == parts
+    said = Topics(begin='80min', end='1.5h', exclude=('1:20:00..81min',))
+    assert parse_options(said).excerpt == parts
     part = Topics(columns=GIVEN[1], begin='600', end='0:30:00', exclude=('700..800',))
     recording = read_recording(logs[0], topics=part)
     assert recording.duration_s == pytest.approx(1201, abs=1)
     assert np.isnan(recording.wrench[:, 2]).sum() == 101
     assert np.isfinite(recording.temperature_c).all()
-    for bad in (('x', '', []), ('', '', ['5']), ('9', '3', []), ('', '', ['9..3'])):
+    for begin, end, exclude in (('x', '', ()), ('', '', '5'), ('9', '3', ()), ('', '', ['9..3'])):
         with pytest.raises(SettingsError):
-            parse_excerpt(*bad)
+            parse_options(Topics(begin=begin, end=end, exclude=tuple(exclude)))
     words = ['calibrate', logs[0], '-o', 'model.yaml', *GIVEN]
     for given, sentence in (
         (['--from', '3h'], 'Every wrench of .*, is left out by --from'),

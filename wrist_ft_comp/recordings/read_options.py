@@ -71,22 +71,6 @@ class Excerpt:
                 )
 
 
-def parse_excerpt(begin: str, end: str, exclude: Iterable[str]) -> Excerpt:
-    """Understand ``--from``, ``--until`` and ``--exclude``, or refuse them by a SettingsError."""
-    excluded_s = []
-    for text in exclude:
-        first, dots, last = text.partition('..')
-        if not dots:
-            raise SettingsError(f'A stretch is A..B, such as 79min..81min; got {text!r}.')
-        excluded_s.append((_seconds(first), _seconds(last)))
-    begin_s = _seconds(begin) if begin else -math.inf
-    end_s = _seconds(end) if end else math.inf
-    for first_s, last_s in (*excluded_s, (begin_s, end_s)):
-        if not first_s < last_s:
-            raise SettingsError(f'A part ends after it begins; got {first_s:g} to {last_s:g} s.')
-    return Excerpt(begin_s, end_s, tuple(excluded_s))
-
-
 def _seconds(text: str) -> float:
     """Read a time since the beginning: 4800, 80min, 1.5h or 1:20:00."""
     if match := re.fullmatch(r'(\d+\.?\d*|\.\d+)(s|min|h|)', text.strip()):
@@ -115,7 +99,18 @@ class ReadOptions:
 def parse_options(topics: Topics, source: str = '--columns') -> ReadOptions:
     """Understand what was said; SettingsError where it can't be meant so."""
     columns, time = parse_map(topics.columns, topics.time)
-    excerpt = parse_excerpt(topics.begin, topics.end, topics.exclude)
+    excluded_s = []
+    for text in topics.exclude:
+        first, dots, last = text.partition('..')
+        if not dots:
+            raise SettingsError(f'A stretch is A..B, such as 79min..81min; got {text!r}.')
+        excluded_s.append((_seconds(first), _seconds(last)))
+    begin_s = _seconds(topics.begin) if topics.begin else -math.inf
+    end_s = _seconds(topics.end) if topics.end else math.inf
+    for first_s, last_s in (*excluded_s, (begin_s, end_s)):
+        if not first_s < last_s:
+            raise SettingsError(f'A part ends after it begins; got {first_s:g} to {last_s:g} s.')
+    excerpt = Excerpt(begin_s, end_s, tuple(excluded_s))
     return ReadOptions(topics, columns, time, source, excerpt)
 
 
