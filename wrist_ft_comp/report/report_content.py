@@ -1,7 +1,7 @@
 """What report, terminal and service say: one record of a calibration or of an evaluation."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 import shlex
 from typing import Any, Literal
@@ -230,9 +230,7 @@ def evaluation_content(
     if not {**stored.sensor, **recordings[0].sensor}.get('temperature_topics'):
         words = [str(stored.path), str(paths[0]), *topics.options('')]
         compensate = shlex.join(['wrist_ft_comp', 'compensate', *words])
-        heat = tuple(f'TEMPERATURE_{j + 1}' for j in range(stored.model.thermometers))
-        run = advices.run_command(replace(topics, wrench='WRENCH', temperatures=heat), stored.path)
-        run = f'{compensate} -o compensated.csv --tare 60\nOr live, with your topics:\n{run}'
+        run = f'{compensate} -o compensated.csv --tare 60'
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = advices.Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
