@@ -38,9 +38,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--name', default='',
         help='which node, by its name or namespace, where several run')  # fmt: skip
-    parser.add_argument(
-        '--once', action='store_true', help='print the status once, in a terminal, too'
-    )
     options.add_json(parser)
 
 
@@ -74,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _show(watch: 'Watch', arguments: argparse.Namespace) -> int:
     """Print the status once, or in a terminal again and again; 1 when anything is not ok."""
-    if arguments.json or arguments.once or not sys.stdout.isatty():
+    if arguments.json or not sys.stdout.isatty():
         statuses = {
             key: {'level': _LEVELS[part.level].lower(), 'message': part.message, **part.values}
             for key, part in watch.statuses.items()
