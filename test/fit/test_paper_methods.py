@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.calibrate import identify_axis
-from wrist_ft_comp.fit.paper_methods import fit_structure
+from wrist_ft_comp.fit.paper_methods import fit_structure, identify_paper_method
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders
 
 #: A structure of one latent and of three, by method.
@@ -92,7 +91,7 @@ def pose_lags(simulate, axis_data):
 ])  # fmt: skip
 def test_orders_are_given_once_for_all_latents_or_once_per_latent(pose_lags, given, words):
     settings = IdentificationSettings('arx_pls', orders=given)
-    fit = identify_axis(pose_lags({300.0: 0.5}), settings)
+    fit = identify_paper_method(pose_lags({300.0: 0.5}), settings)
     assert len(given) == 1 or fit.chosen.startswith('arx_pls, 2 latents')
     for r, (note, orders) in enumerate(zip(fit.notes, words, strict=False), 1):
         assert note.startswith(f'latent {r}: {orders}; J_{r} = ')
@@ -103,7 +102,7 @@ def test_orders_are_given_once_for_all_latents_or_once_per_latent(pose_lags, giv
     ({1e-3: 0.5}, 'static, degree '),
 ], ids=str)  # fmt: skip
 def test_time_constants_are_found_within_their_standard_errors(pose_lags, truth, chosen):
-    fit = identify_axis(pose_lags(truth, days=3), IdentificationSettings('arx_pls_oe'))
+    fit = identify_paper_method(pose_lags(truth, days=3), IdentificationSettings('arx_pls_oe'))
     assert fit.chosen.startswith(chosen)
     assert fit.rms_after < 0.07
     lags_s = [tau_s for tau_s in truth if tau_s > 1]
@@ -115,7 +114,7 @@ def test_time_constants_are_found_within_their_standard_errors(pose_lags, truth,
 
 def test_a_drift_that_lasts_longer_than_the_recordings_is_refused_with_numbers(pose_lags):
     problem = pose_lags({1e5: 20.0}, noise=0.01)
-    fit = identify_axis(problem, IdentificationSettings('arx_pls_oe'))
+    fit = identify_paper_method(problem, IdentificationSettings('arx_pls_oe'))
     assert (fit.model, fit.chosen) == (None, 'none')
     assert 'its slowest time constant, 6000 s, is more than half of the longest' in fit.refusal
     assert 'Record at least 3.3 h from cold' in fit.refusal

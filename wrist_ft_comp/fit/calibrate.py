@@ -17,7 +17,6 @@ from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
 from wrist_ft_comp.fit import data_checks as checks
 from wrist_ft_comp.fit.auto_method import identify_auto
 from wrist_ft_comp.fit.axis_data import (
-    AxisData,
     BIN_S,
     build_axis_data,
     find_plateaus,
@@ -27,7 +26,7 @@ from wrist_ft_comp.fit.folds import assign_folds, folds_within
 from wrist_ft_comp.fit.outliers_and_steps import begin_where_tared, MOVING, segment
 from wrist_ft_comp.fit.paper_methods import identify_paper_method
 from wrist_ft_comp.fit.result import AxisFit, Calibration
-from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.fit.thermometer_prediction import exchanged_days, predict_each_other
 from wrist_ft_comp.payload.separation import learn_at_work
 from wrist_ft_comp.recording import Recording
@@ -135,9 +134,12 @@ def _learn(
                 f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
             )
             continue
-        fit = identify_axis(data, settings.identification)
+        chosen, identify = settings.identification, identify_paper_method
+        if chosen.method == 'auto' and chosen.features == 'powers' and data.tared:
+            identify = identify_auto
+        fit = identify(data, chosen)
         if within is not None and data.recordings > 1:
-            again = identify_axis(replace(data, folds=tuple(within)), settings.identification)
+            again = identify(replace(data, folds=tuple(within)), chosen)
             fit = again if 2 * again.share_left < fit.share_left else fit
         if fit.refusal:
             said.append(f'{fit.refusal}. It is left uncompensated.')
@@ -160,10 +162,3 @@ def _learn(
         # A start takes means over this time: long for a thermometer's noise, short for a body.
         start_s=BIN_S, prediction=predicted, stands_s=np.max(stands, axis=0).tolist())  # fmt: skip
     return fits, model, said
-
-
-def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
-    """Identify one axis by the method that was chosen."""
-    if settings.method == 'auto' and settings.features == 'powers' and data.tared:
-        return identify_auto(data, settings)
-    return identify_paper_method(data, settings)
