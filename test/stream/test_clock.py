@@ -4,7 +4,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
-from wrist_ft_comp.stream import clock
 from wrist_ft_comp.stream.clock import APART_FOR_S, ClockComparison, Sample, SourceClocks
 
 SECOND = 1_000_000_000
@@ -74,25 +73,6 @@ def test_a_slow_thermometer_is_heard_with_all_its_samples(before, step_s, heard)
     stamps += [(before - 1 + k * step_s) * SECOND for k in range(1, len(heard) - before + 1)]
     assert [len(feed(clocks, [stamp])) for stamp in stamps] == heard
     assert clocks.strays == 0
-
-
-def test_stamps_of_wrenches_are_judged_by_their_steps():
-    watch, at = clock.WrenchStamps(), 3600 * SECOND
-    for step_ns, ran_back, leapt in (
-        (0, 0, 0), (SECOND, 0, 0), (0, 0, 0), (60 * SECOND, 0, 0), (SECOND, 0, 0),
-        (60 * SECOND + 1, 0, 1), (-SECOND, 1, 1), (120 * SECOND, 1, 2), (400 * SECOND, 1, 2),
-        (-1, 2, 2),
-    ):  # fmt: skip
-        at += step_ns
-        watch.look(at)
-        assert (watch.ran_back, watch.leapt) == (ran_back, leapt)
-        assert not watch.stand_still
-    for stamp_ns, unstamped in ((0, True), (at, False)):
-        watch.look(stamp_ns)
-        assert watch.missing == unstamped
-    for look in range(40):  # in whole seconds, ten looks a second
-        watch.look(at + look // 10 * SECOND)
-        assert not watch.stand_still
 
 
 def test_a_thermometer_that_comes_back_is_no_clock_that_was_set():

@@ -13,7 +13,6 @@ from wrist_ft_comp.ros.diagnostics import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.topics import why_silent
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream.clock import WrenchStamps
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.wrench_faults import SensorWatch, unusable, was_away
@@ -29,6 +28,9 @@ _RESET_S = 1.0
 _FULL_NS = 2**32 * np.array([1, 1_000, 1_000_000])
 #: A clock that begins anew below this, s, is that of a sensor that was switched on.
 _SWITCHED_ON_S = 600.0
+#: Stamps of wrenches stand still after this many looks in a row at the same one, 2 s: some drivers
+#: stamp in whole seconds.
+_SAME_LOOKS = 20
 #: What an axis reads that is there, N; of a torque, a tenth of it in N m.
 _THERE_N = 0.5
 
@@ -74,7 +76,7 @@ class WrenchInput(Part):
 
     def __init__(self, counts: Counts, compensator: Compensator) -> None:
         self._counts, self._compensator = counts, compensator
-        self.sensor, self.stamps = SensorWatch(), WrenchStamps()
+        self.sensor = SensorWatch()
         self._heard_s: float | None = None
         #: When it was looked last, and since when no wrench has come, s.
         self._looked_s = self._quiet_s = 0.0
@@ -82,6 +84,8 @@ class WrenchInput(Part):
         self._behind_s = math.inf
         #: Number and stamp of the wrench that was looked at last, ns.
         self._looked_at, self._stamp_ns = 0, 0
+        #: How often in a row it had the stamp of the one before, and whether it had none.
+        self._same_stamps, self._is_unstamped = 0, False
         #: When a wrench was sound last, s, and whether zeros, or no numbers, came since.
         self._sound_s, self._unsound = time.monotonic(), False
         #: The first frame_id, and those of the last two seconds.
@@ -122,7 +126,7 @@ class WrenchInput(Part):
         unsound_s = now_s - self._sound_s if is_judged and is_sound and self._unsound else 0.0
         if was_away(away_s, passed_s) or unsound_s > _RESET_S:
             if abs(passed_s - away_s) < 1 < away_s:  # no clock was set
-                self.sensor, self.stamps = SensorWatch(), WrenchStamps()
+                self.sensor = SensorWatch()
             # Once, and not after each gap of a link.
             if not any(why.startswith('no raw wrenches') for why in compensator.zero_doubts):
                 compensator.doubt_zero(
@@ -141,11 +145,11 @@ class WrenchInput(Part):
             )
         self._heard_s = self._quiet_s = now_s
         self._looked_at, self._stamp_ns = number, stamp_ns
-        layout = locate(data, WRENCH_DOUBLES)
+        self._same_stamps = 0 if passed_s else self._same_stamps + 1
+        self._is_unstamped = locate(data, WRENCH_DOUBLES).decode(data)[0] == 0
         before = self._counts.before
         self._frames.look(b'' if before is None else before[2], data)
         self._frame = self._frame or self._frames.names[-1]
-        self.stamps.look(stamp_ns if layout.decode(data)[0] != 0 else 0)
         self.sensor.look(np.nan_to_num(raw).tolist())
         # The tare of an axis that was not there is 0.
         is_there = np.abs(np.nan_to_num(raw)) > axis_limits(_THERE_N)
@@ -180,10 +184,7 @@ class WrenchInput(Part):
         if stream.model is not None and stream.tracker.temperature_c is not None:
             self._deviation = stream.deviation
         ends = self.note_drivers()
-        grown, elapsed_s = self._growth.since(
-            wrenches=counts.wrenches, dropped=counts.dropped, back=self.stamps.ran_back,
-            leapt=self.stamps.leapt,
-        )  # fmt: skip
+        grown, elapsed_s = self._growth.since(wrenches=counts.wrenches, dropped=counts.dropped)
         rate_hz = grown['wrenches'] / elapsed_s
         numbers = {
             'rate_hz': f'{rate_hz:.1f}',
@@ -226,7 +227,7 @@ class WrenchInput(Part):
 
     def _doubts(self, topic: str, publishers: Sequence[Any]) -> Iterator[str]:
         """Say what is suspicious about wrenches that do arrive, the worst first."""
-        sensor, lately, model = self.sensor, self._growth.lately(), self._compensator.model
+        sensor, model = self.sensor, self._compensator.model
         behind_s, self._behind_s = self._behind_s, math.inf
         if behind_s > _BEHIND_S:
             yield (
@@ -258,11 +259,7 @@ class WrenchInput(Part):
                 f'{", ".join(sorted(lost))} never read anything but 0 or NaN, but worked when the '
                 'model was learnt; is it broken?'
             )
-        if self.stamps.stand_still:
+        if self._same_stamps >= _SAME_LOOKS:
             yield 'stamps stand still; the correction is that of one moment'
-        if 'back' in lately:
-            yield 'stamps ran back; was a clock set, or a simulation restarted?'
-        if 'leapt' in lately:
-            yield 'stamps leapt ahead; was a clock set?'
-        if self.stamps.missing:
+        if self._is_unstamped:
             yield 'wrenches come without stamps; the time of arrival is taken'

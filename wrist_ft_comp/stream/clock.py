@@ -27,9 +27,6 @@ LEAP_S, _SET_S = 60.0, 5.0
 _SET_NS = round(_SET_S * NANOSECONDS)
 #: ... and by more usual steps than this, because those of a slow sensor are long.
 _LEAP_STEPS = 4
-#: Stamps of wrenches stand still after this many looks in a row at the same one, 2 s: some drivers
-#: stamp in whole seconds.
-_SAME_LOOKS = 20
 #: Two sources have two clocks where their stamps, less their arrival, differ for this time, s: a
 #: busy computer delays for less. Shorter ones would warn of a clock that is being set ...
 APART_FOR_S = 30.0
@@ -48,36 +45,6 @@ SAME_CLOCK_S = 3600.0
 def leaps(step_ns: int, usual_step_ns: int, least_s: float = LEAP_S) -> bool:
     """Whether a step between stamps is longer than a silence that needs no proof."""
     return step_ns > max(least_s * NANOSECONDS, _LEAP_STEPS * usual_step_ns)
-
-
-class WrenchStamps:
-    """Watches the stamps of wrenches, look by look."""
-
-    def __init__(self) -> None:
-        #: How often they ran back, and leapt ahead.
-        self.ran_back = self.leapt = 0
-        #: Whether the newest wrench had no stamp.
-        self.missing = False
-        self._last_ns: int | None = None
-        self._step_ns = self._same = 0
-
-    def look(self, stamp_ns: int) -> None:
-        """Look at the stamp of another wrench, ns; 0 when it has none."""
-        self.missing = not stamp_ns
-        if self.missing:
-            return
-        if self._last_ns is not None:
-            step_ns = stamp_ns - self._last_ns
-            self._same = self._same + 1 if step_ns == 0 else 0
-            self.ran_back += step_ns < 0
-            self.leapt += self._step_ns > 0 and leaps(step_ns, self._step_ns)
-            self._step_ns = max(step_ns, 1)
-        self._last_ns = stamp_ns
-
-    @property
-    def stand_still(self) -> bool:
-        """Whether new wrenches come with an old stamp."""
-        return self._same >= _SAME_LOOKS
 
 
 class Sample(NamedTuple):

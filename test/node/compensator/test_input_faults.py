@@ -102,8 +102,6 @@ LOOKED_AT = {
     'missing': (held(3, 0.0, 0, 80), STAMPS, 'tool0', OK, '; torque_x never read anything but 0'),
     'unstamped': (noisy(40), 0 * STAMPS, 'tool0', WARN, 'without stamps; the time of arrival is'),
     'repeated': (noisy(40), START + 0 * STAMPS, 'tool0', WARN, 'stamps stand still; the correct'),
-    'backwards': (noisy(40), STAMPS[::-1], 'tool0', WARN, 'stamps ran back; was a clock set'),
-    'ahead': (noisy(40), STAMPS + (np.arange(160) >= 20) * 5 * HOUR, 'tool0', WARN, 'leapt ahead'),
     'two drivers': (noisy(40), STAMPS, 'tool0', WARN, '2 publishers share the topic; their'),
     'moved': (noisy(40), STAMPS, 'tool1', WARN, 'frame_id was tool0 and is tool1 now'),
     'by turns': (noisy(40), STAMPS, 'tool0 or tool1', WARN, 'tool0 and tool1 come by turns, and'),
@@ -173,11 +171,11 @@ def test_what_the_newest_wrenches_show_is_said(watched, name):
     assert (found.level, words in found.message) == (level, True), found.message
 
 
-@pytest.mark.parametrize(('stamped_s', 'looks', 'expected'), [
-    (20, 40, (1, 0)), (1, 40, (0, 0)), (0, 40, (1, 0)), (-1, 40, (1, 0)), (4000, 40, (1, 1)),
-    (20, 0, (0, 0)), ('first', 40, (1, 0)), ('first, not tared', 40, (0, 0)),
+@pytest.mark.parametrize(('stamped_s', 'looks', 'is_said'), [
+    (20, 40, True), (1, 40, False), (0, 40, True), (-1, 40, True), (4000, 40, True),
+    (20, 0, False), ('first', 40, True), ('first, not tared', 40, False),
 ])  # fmt: skip
-def test_a_silent_sensor_may_have_another_zero(watched, stamped_s, looks, expected):
+def test_a_silent_sensor_may_have_another_zero(watched, stamped_s, looks, is_said):
     """
     A simulation that was held up goes on with the next stamp; a node may be held up itself.
 
@@ -194,7 +192,7 @@ def test_a_silent_sensor_may_have_another_zero(watched, stamped_s, looks, expect
         watched.send(START + stamp_s * SECOND, RAW)
         watched.part.poll()
     said = watched.stream.zero_doubts
-    assert (len(said), watched.part.stamps.leapt) == expected
+    assert len(said) == is_said
     assert all('unusable ones, came for 20 s' in doubt for doubt in said)
 
 
