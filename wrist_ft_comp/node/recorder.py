@@ -1,7 +1,7 @@
 """The part that averages what the node's own recordings get, and that answers ~/record."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
@@ -139,13 +139,8 @@ class Recorder(Part):
     def doubt(self) -> str:
         """Say what a recording lacks that it needs, or had before, for LACKING_S; else empty."""
         for recording in self._running:
-            sources = {'raw wrenches': AXES, 'specific force': FORCE_CHANNELS}
-            if recording.has_reference:
-                sources['wrench_reference'] = REFERENCE_CHANNELS
-            sources |= self._unheard(recording)
-            for source, channels in sources.items():
-                lacking_s = self.period_s * min(recording.lacking[name] for name in channels)
-                if lacking_s >= LACKING_S:
+            for source, cells in self._lacking(recording):
+                if (lacking_s := self.period_s * cells) >= LACKING_S:
                     return (
                         f'the last {lacking_s:.0f} s were recorded without {source}, and nothing '
                         'can be learnt from that: it is silent, or its stamps are of another '
@@ -153,21 +148,18 @@ class Recorder(Part):
                     )
         return ''
 
-    def _unheard(self, recording: OwnRecording) -> dict[str, tuple[str, ...]]:
-        """Name what is in no row, with its channels; some thermometers report seldom."""
-        channels = map(temperature_channel, range(self._compensator.thermometers))
-        sources: dict[str, tuple[str, ...]] = {
-            f'thermometer {j}': (channel,) for j, channel in enumerate(channels, start=1)
-        }
-        if recording.has_reference:
-            sources['wrench_reference'] = REFERENCE_CHANNELS
+    def _lacking(self, recording: OwnRecording) -> Iterator[tuple[str, int]]:
+        """Name what the newest rows lack, and how many these are; thermometers: all rows."""
+        sources: dict[str, Sequence[str]] = {'raw wrenches': AXES}
         if self._with_force:
             sources['specific force'] = FORCE_CHANNELS
-        return {
-            source: channels
-            for source, channels in sources.items()
-            if all(recording.lacked[channel] == recording.rows for channel in channels)
-        }
+        if recording.has_reference:
+            sources['wrench_reference'] = REFERENCE_CHANNELS
+        for j in range(self._compensator.thermometers):  # some report seldom
+            if recording.lacked[temperature_channel(j)] == recording.rows:
+                sources[f'thermometer {j + 1}'] = (temperature_channel(j),)
+        for source, channels in sources.items():
+            yield source, min(recording.lacking[channel] for channel in channels)
 
     def begin_recording(self, writer: Any, pause_s: float = math.inf) -> OwnRecording:
         """Feed a new recording until ``finish``; where the disk refuses, after a pause again."""
@@ -251,7 +243,7 @@ class Recorder(Part):
                 f'{lost} of {rows} cells hold no wrench, and nothing is learnt from them: less '
                 f'than one came in {self.period_s:g} s of its stamps'
             )
-        elif never := self._unheard(recording):
+        elif never := [source for source, cells in self._lacking(recording) if cells == rows]:
             lacks = f'{", ".join(never)} reported in no cell of these stamps'
         length = f'{rows} thermal cells ({rows * self.period_s:.0f} s)'
         return warned(f'recorded {length}{self._remark} into {self.path}', lacks)
