@@ -119,9 +119,9 @@ def test_every_storage_gives_any_temperature(driver, messages, storage, tmp_path
 
 
 WRONG = [
-    ('/driver/frame:temprature', 'bag: .*/driver/frame:temprature.* has no temprature.* are temp'),
+    ('/driver/frame:temprature', 'bag: .*/driver/frame:temprature.* is not there: .* are temp'),
     ('/driver/frame', 'is driver_msgs/msg/Frame; .* of a temperature TOPIC:FIELD'),
-    ('/driver/frame:FIELD', 'has no FIELD. Its numbers are temperature,'),
+    ('/driver/frame:FIELD', 'is not there: the numbers there are temperature,'),
     ('/wrench_raw', 'is geometry_msgs/msg/WrenchStamped; the temperature must be sensor_msgs/m'),
     ('/wrench_raw:wrench.force.x', '/wrench_raw is named twice'),
     ('/nobody:temperature', 'no topic /nobody for the temperature; it holds /'),

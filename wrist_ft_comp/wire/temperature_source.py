@@ -16,7 +16,6 @@ then is in the unit. Units are never guessed, but a sentence may say which one i
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-import difflib
 import math
 import re
 from typing import TypeVar
@@ -71,24 +70,14 @@ class TemperatureSource:
 
     def missing(self, layout: Layout) -> str:
         """Say that a message holds no finite number at the path, and which numbers it has."""
-        path = layout.numbered(self.number)
-        if layout.find(path) is not None:
+        if layout.find(self.number) is not None:
             return f'The temperature {self.entry!r} is NaN or infinite; expected a finite number.'
-        depth = max(n for n in range(len(path) + 1) if n == 0 or path[:n] in layout.sizes)
-        present, size = path_text(path[:depth]) or 'the message', layout.sizes.get(path[:depth])
-        found = f'{present} has no {path_text(path[depth:])}'
-        if size is not None and "'[" not in str(path[depth:]):
-            found = f'{present} is an array of {size}, counted from 0'
-        elif depth == len(path):
-            found = f'{present} is no number'
-        # Its numbers: first the most similar one, then those that may be meant.
-        paths = {path_text(layout.named(number)): number for number in numbers_in(layout)}
-        temperatures = [text for text, number in paths.items() if may_be_temperature(number)]
-        alike = difflib.get_close_matches(path_text(path), paths, _NAMED, 0.5)
-        named = list(dict.fromkeys([*alike[:1], *temperatures, *alike, *paths]))
+        # Those that may be meant come first.
+        paths = sorted(numbers_in(layout), key=may_be_temperature, reverse=True)
+        named = [path_text(layout.named(path)) for path in paths]
         more = f' and {len(named) - _NAMED} more' if len(named) > _NAMED else ''
-        numbers = f'Its numbers are {", ".join(named[:_NAMED]) or "none"}{more}.'
-        return f'The temperature {self.entry!r} is not there: {found}. {numbers}'
+        numbers = f'{", ".join(named[:_NAMED]) or "none"}{more}'
+        return f'The temperature {self.entry!r} is not there: the numbers there are {numbers}.'
 
 
 def parse_source(entry: str) -> TemperatureSource:

@@ -82,8 +82,8 @@ def test_thermometers_in_one_message_are_read_with_its_stamp(listen, entries, me
 
 
 @pytest.mark.parametrize(('entry', 'message', 'words', 'good'), [
-    ('effort[2]', joints(20, 21), 'an array of 2, counted from 0', joints(1, 2, 9)),
-    ('effort[2]', joints(), 'an array of 0, counted from 0', joints(1, 2, 9)),
+    ('effort[2]', joints(20, 21), 'there are effort[0], effort[1]', joints(1, 2, 9)),
+    ('effort[2]', joints(), 'numbers there are none', joints(1, 2, 9)),
     ('', BatteryState(), 'sensor_msgs/BatteryState, not sensor_msgs/Temperature', None),
     ('', JointState(), 'write /state:FIELD to take a number in it', None),
 ])  # fmt: skip
