@@ -177,6 +177,9 @@ class FakeHub:
     def get_subscriptions_info_by_topic(self, _topic):
         return []
 
+    def disagreement(self, topic):
+        return self.incompatible.get(topic, '')
+
     def resolve_topic_name(self, name):
         return f'/{name}'
 

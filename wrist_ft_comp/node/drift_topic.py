@@ -116,7 +116,7 @@ class DriftTopic(Part):
             yield 'not compensated: no model, or no thermometer has reported twice yet'
         elif stream.model is not None and not stream.model.axes:
             yield 'not compensated: the model compensates no axis'
-        yield from filter(None, [self.hub.incompatible.get('wrench')])
+        yield from filter(None, [self.hub.disagreement('wrench')])
         yield from stream.zero_doubts
         if not stream.tared:
             yield 'no tare: wrench still holds the zero of the sensor; call ~/tare'

@@ -203,7 +203,8 @@ class ExternalWrench(Part):
         }
         for axis, value in zip(AXES, self.compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
-        doubts = list(filter(None, [self.specific_force.doubt()]))
+        said = self.specific_force.doubt(), self.hub.disagreement('wrench_external')
+        doubts = list(filter(None, said))
         if self.wanted:
             doubts += self.specific_force.timing_doubts(newest and newest[0], grown)
         if payload and newest and grown['came'] and (force := forces.at(newest[0])):

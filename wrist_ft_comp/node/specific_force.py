@@ -240,8 +240,9 @@ class SpecificForceInput(Part):
     def doubt(self) -> str:
         """Say what is wrong with the messages since the last call; empty when nothing is."""
         unreadable, self._unreadable_before = self._unreadable_before, self.unreadable
-        for topic in {'imu', '/tf', '/tf_static'} & self.hub.incompatible.keys():
-            return self.hub.incompatible[topic]
+        for topic in {'imu': ['imu'], 'tf': ['/tf', '/tf_static']}.get(self.source, ()):
+            if why := self.hub.disagreement(topic):
+                return why
         if self._imu is not None:
             topic = self._imu.topic_name
             if other := wrong_type(self.hub, topic, cdr.IMU):

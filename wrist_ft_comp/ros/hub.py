@@ -20,15 +20,15 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.ros.diagnostics import ERROR, NodeLog, Status
 from wrist_ft_comp.ros.parameters import Parameter, Parameters
 from wrist_ft_comp.ros.rclpy_internals import keep_from_executors, return_to_node
 from wrist_ft_comp.ros.services import DeferredService, Reply, Service, Work
-from wrist_ft_comp.ros.topics import agreed_on, negotiated, NEWEST, opening, OUTPUT
+from wrist_ft_comp.ros.topics import disagreement, NEWEST, opening, OUTPUT
 
 #: Diagnostics are published once in this time, s.
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -116,10 +116,6 @@ class Hub(Node):
     def __init__(self, name: str, table: Iterable[Parameter], **options: Any) -> None:
         super().__init__(name, enable_logger_service=True, **options)
         self.log = NodeLog(cast('Any', self).get_logger())
-        #: What two nodes do not agree on, by relative name of the topic.
-        self.incompatible: dict[str, str] = {}
-        #: On which of these they agreed at the last look.
-        self._agreed: set[str] = set()
         #: By name of a service, its last answer.
         self.answers: dict[str, str] = {}
         #: Subscriptions that no executor serves; they end with the node.
@@ -203,14 +199,22 @@ class Hub(Node):
     def advertise(self, kind: Any, topic: str, *, negotiable: bool = False) -> Any:
         """Make a publisher."""
         with opening(topic):
-            options = negotiated(self, PublisherEventCallbacks, topic) if negotiable else {}
-            return self.create_publisher(kind, topic, copy(OUTPUT), **options)
+            overridable = QoSOverridingOptions.with_default_policies() if negotiable else None
+            return self.create_publisher(
+                kind, topic, copy(OUTPUT), qos_overriding_options=overridable
+            )
 
     def subscribe(self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any) -> Any:
         """Subscribe to serialized messages."""
         with opening(topic):
-            options = negotiated(self, SubscriptionEventCallbacks, topic)
-            return self.create_subscription(kind, topic, callback, copy(qos), raw=True, **options)
+            overridable = QoSOverridingOptions.with_default_policies()
+            return self.create_subscription(
+                kind, topic, callback, copy(qos), raw=True, qos_overriding_options=overridable
+            )
+
+    def disagreement(self, topic: str) -> str:
+        """Say why another node on a topic, by its relative name, and this one share nothing."""
+        return disagreement(self, topic)
 
     def subscribe_unserved(self, kind: Any, topic: str, qos: Any = NEWEST) -> Any:
         """Subscribe to messages that no executor takes, but ``waiting``."""
@@ -321,13 +325,6 @@ class Hub(Node):
     def _diagnose(self) -> None:
         """Publish diagnostics (REP-107), and log what is new in those of parts that want it."""
         statuses, logged = list[Status](), list[Status]()
-        # Forgotten at the second look: the graph may learn of the other side after the event.
-        agreed = {
-            topic for topic in self.incompatible if agreed_on(self, self.resolve_topic_name(topic))
-        }
-        for topic in agreed & self._agreed:
-            del self.incompatible[topic]
-        self._agreed = agreed
         for part in self.parts:
             found = self.do(part, lambda part=part: list(part.statuses())) or []
             if part.stopped:

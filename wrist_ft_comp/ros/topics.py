@@ -12,10 +12,9 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy import qos
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.node import Node
-from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.channels import AXES
@@ -65,36 +64,21 @@ def opening(topic: str) -> Iterator[None]:
         ) from error
 
 
-def negotiated(hub: Any, callbacks: Any, topic: str) -> dict[str, Any]:
-    """Make options of a hub's topic: policies are overridable; one that differs is logged."""
-    ours = 'subscription' if callbacks is SubscriptionEventCallbacks else 'publisher'
-
-    def say(event: Any) -> None:
-        policy = str(qos.qos_policy_name_from_kind(event.last_policy_kind)).lower()
-        trouble = (
-            f'a subscriber of {topic} asks for more {policy} than is offered and gets nothing'
-        )
-        if ours == 'subscription':
-            trouble = f'a publisher of {topic} offers less {policy} than is asked for'
-        name = f'qos_overrides.{hub.resolve_topic_name(topic)}.{ours}.{policy}'
-        here = f'{name} of this node, or ' if hub.has_parameter(name) else ''
-        hub.incompatible[topic] = f'{trouble}: set {here}the quality of service of the other side'
-        hub.log.error(hub.incompatible[topic])
-
-    return {
-        'event_callbacks': callbacks(incompatible_qos=say),
-        'qos_overriding_options': QoSOverridingOptions.with_default_policies(),
-    }
-
-
-def agreed_on(node: Node, topic: str) -> bool:
-    """Tell whether all subscribers of a topic, by its full name, hear all its publishers."""
-    subscribers = node.get_subscriptions_info_by_topic(topic)
-    return all(
-        qos.qos_check_compatible(one.qos_profile, other.qos_profile)[0] == qos.QoSCompatibility.OK
-        for one in node.get_publishers_info_by_topic(topic)
-        for other in subscribers
-    )
+def disagreement(node: Node, name: str) -> str:
+    """Say why another node on a topic, by its relative name, and this one share nothing."""
+    topic, here = node.resolve_topic_name(name), (node.get_name(), node.get_namespace())
+    for publisher in node.get_publishers_info_by_topic(topic):
+        for subscriber in node.get_subscriptions_info_by_topic(topic):
+            ends = {(end.node_name, end.node_namespace) for end in (publisher, subscriber)}
+            profiles = publisher.qos_profile, subscriber.qos_profile
+            found, why = qos.qos_check_compatible(*profiles)
+            if here in ends and found == qos.QoSCompatibility.ERROR:
+                why = why.removeprefix('ERROR: ').rstrip(';')
+                return (
+                    f'{topic} passes nothing, because its quality of service differs ({why}): set '
+                    f'qos_overrides.{topic} of this node, or that of the other side'
+                )
+    return ''
 
 
 def types_on(node: Node, topic: str) -> list[str]:
@@ -158,7 +142,7 @@ def why_silent(hub: Any, name: str, wanted: str) -> str:
     """Say why no message, of a wanted type or any, comes on a topic; which one may be meant."""
     topic = hub.resolve_topic_name(name)
     if hub.count_publishers(topic):
-        said: str = hub.incompatible.get(name) or (wanted and wrong_type(hub, topic, wanted))
+        said: str = hub.disagreement(name) or (wanted and wrong_type(hub, topic, wanted))
         return said or f'the publisher of {topic} sends nothing; is the sensor running?'
     own = {publisher.topic_name for publisher in hub.publishers}
     others = [

@@ -37,4 +37,4 @@ def test_gravity_comes_by_tf_in_the_frame_of_the_wrench(wired, bench, messages):
 def test_static_transforms_that_cannot_be_heard_are_named(wired, driver):
     node = wired(parameters={'gravity.source': 'tf', 'gravity.frame': 'base'})
     driver().helper.create_publisher(PoseArray, '/tf_static', 1)
-    node.diagnosis('payload', 'offers less durability than is asked for')
+    node.diagnosis('payload', '/tf_static passes nothing, because its quality of service differs')
