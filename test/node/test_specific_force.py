@@ -120,7 +120,7 @@ def test_frames_of_made_up_names_and_transforms_sent_again_fill_no_memory(start,
         hub.topics['/tf_static'](messages.transforms(START, [(f'map_{k}', f'mark_{k}', NO_TURN)]))
         hub.topics['/tf_static'](messages.transforms(START + k, [TO_TOOL]))
     links = part._tree._links
-    assert sum(1 + len(link._new) + len(link._columns[0]) for link in links.values()) <= 2002
+    assert sum(1 + len(link._columns[0]) for link in links.values()) <= 2002
     assert part.problem().count(', ') < 30
     moving(hub, 0)
     np.testing.assert_allclose(samples(hub)[0][1], true_force(0), atol=1e-9)

@@ -115,41 +115,33 @@ class _Link:
 
     def __init__(self, parent: str, *, static: bool) -> None:
         self.parent, self.static = parent, static
-        self.newest_ns = -_KEPT_NS
-        self._columns, self._new = _NONE, list[_Columns]()
+        self.newest_ns, self._columns = -_KEPT_NS, _NONE
 
     def add(self, stamps_ns: IntArray, quaternions: FloatArray) -> None:
-        """Take transforms; where stamps jump back, forget those before."""
+        """Take transforms; where stamps jump back, forget those before. The newest counts."""
         if self.static:
             if stamps_ns[-1] >= self.newest_ns:
                 self._columns = stamps_ns[-1:], quaternions[-1:]
-        elif stamps_ns[-1] < self.newest_ns - _KEPT_NS:
-            self._columns, self._new = _NONE, [(stamps_ns, quaternions)]
-            self.newest_ns = -_KEPT_NS
         else:
-            self._new.append((stamps_ns, quaternions))
-        self.newest_ns = max(self.newest_ns, int(stamps_ns.max()))
-
-    def _sorted(self) -> _Columns:
-        """Sort in what came; of transforms with one stamp the newest counts."""
-        if self._new:
-            columns = zip(self._columns, *self._new, strict=True)
+            if stamps_ns[-1] < self.newest_ns - _KEPT_NS:
+                self.newest_ns, self._columns = -_KEPT_NS, _NONE
+            columns = zip(self._columns, (stamps_ns, quaternions), strict=True)
             stamps_ns, quaternions = map(np.concatenate, columns)
             if (np.diff(stamps_ns) <= 0).any():
                 _, backwards = np.unique(stamps_ns[::-1], return_index=True)
                 stamps_ns, quaternions = stamps_ns[::-1][backwards], quaternions[::-1][backwards]
-            self._columns, self._new = (stamps_ns, quaternions), []
-        return self._columns
+            self._columns = stamps_ns, quaternions
+        self.newest_ns = max(self.newest_ns, int(stamps_ns.max()))
 
     def forget(self) -> None:
         """Drop what is too old."""
-        stamps_ns, quaternions = self._sorted()
+        stamps_ns, quaternions = self._columns
         begin = int(np.searchsorted(stamps_ns, self.newest_ns - _KEPT_NS))
         self._columns = stamps_ns[begin:], quaternions[begin:]
 
     def at(self, times_ns: IntArray) -> FloatArray:
         """Interpolate rotations at times (n,), shape (n, 3, 3), NaN where they are not known."""
-        stamps_ns, quaternions = self._sorted()
+        stamps_ns, quaternions = self._columns
         if self.static:
             return np.broadcast_to(_matrices(quaternions), (len(times_ns), 3, 3))
         before = np.searchsorted(stamps_ns, times_ns, 'right') - 1
