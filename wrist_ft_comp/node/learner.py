@@ -44,9 +44,8 @@ class Learner(Part):
     #: The days and what is recorded into them; None while nothing is learnt.
     files: days.DayFiles | None = None
     _recording: OwnRecording | None = None
-    #: Waits for the job that runs, and when that was started, by the steady clock.
+    #: Waits for the job that runs; None while none does.
     _judging: Generator[None, None, None] | None = None
-    _begun_s: float = 0.0
     #: When to look for a day to judge, by the steady clock.
     _wait_until: float = 0.0
     #: Newest day of the last job.
@@ -106,11 +105,6 @@ class Learner(Part):
             self._remember()
 
     @property
-    def running_s(self) -> float | None:
-        """How long a job has been running, s; None when none is."""
-        return None if self._judging is None else time.monotonic() - self._begun_s
-
-    @property
     def offered(self) -> Path:
         """The file of the model that is offered."""
         return self.live.store.directory / 'models' / self.memory.offered
@@ -138,7 +132,6 @@ class Learner(Part):
             newest = ended[-1].name if ended else ''
             is_judged_last = files.full and newest not in {'', self._judged_last}
             if newest > self.memory.judged or is_judged_last:
-                self._begun_s = time.monotonic()
                 self._judged_last, self._judging = newest, self._judge(ended)
         memory = self.memory
         if self.mode == 'auto' and not memory.paused and memory.offered not in {'', self._failed}:
@@ -265,10 +258,8 @@ class Learner(Part):
             message = trouble
         elif memory.offered:
             message = f'a better model is offered, {memory.offered}; ~/adopt makes it live'
-        elif self.running_s is not None:
-            message = (
-                f'models have been compared on {self._judged_last} for {self.running_s:.0f} s'
-            )
+        elif self._judging is not None:
+            message = f'models are being compared on {self._judged_last}'
         else:
             message = 'the day is being recorded; no better model is offered'
         yield Status(self.title, WARN if trouble else OK, message, numbers)

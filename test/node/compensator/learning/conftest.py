@@ -79,7 +79,7 @@ class Learner:
     def judged(self, jobs=1):
         """Wait until a number of jobs have answered."""
         learning = self.node.learning
-        self.wait(lambda: len(self.asked()) >= jobs and learning.running_s is None, 'the job')
+        self.wait(lambda: len(self.asked()) >= jobs and learning._judging is None, 'the job')
 
 
 @pytest.fixture

@@ -160,12 +160,12 @@ def test_a_calibration_goes_first(learner, models):
     node.answer()
     node.hear(147)
     learning = node.node.learning
-    node.wait(lambda: learning.running_s is not None, 'the job')
+    node.wait(lambda: learning._judging is not None, 'the job')
     recording = node.rig.directory / 'recordings/one.csv'
     recording.parent.mkdir()
     recording.write_text('')
     answers = node.rig.ask('calibrate')
-    node.wait(lambda: learning.running_s is None, 'the end of the job')
+    node.wait(lambda: learning._judging is None, 'the end of the job')
     node.answer(success=False, message='refused')
     assert not node.rig.answered(answers).success
     node.wait(lambda: learning.memory.judged == 'day_00001.csv', 'the next job')
