@@ -125,8 +125,8 @@ class _Link:
         else:
             if stamps_ns[-1] < self.newest_ns - _KEPT_NS:
                 self.newest_ns, self._columns = -_KEPT_NS, _NONE
-            columns = zip(self._columns, (stamps_ns, quaternions), strict=True)
-            stamps_ns, quaternions = map(np.concatenate, columns)
+            stamps_ns = np.concatenate((self._columns[0], stamps_ns))
+            quaternions = np.concatenate((self._columns[1], quaternions))
             if (np.diff(stamps_ns) <= 0).any():
                 _, backwards = np.unique(stamps_ns[::-1], return_index=True)
                 stamps_ns, quaternions = stamps_ns[::-1][backwards], quaternions[::-1][backwards]
