@@ -38,8 +38,7 @@ class DriftTracker:
         self.model: DriftModel | None = None
         #: For how long the model remembers a temperature, s.
         self.memory_s = gaps_and_restarts.longest_gap_s(None)
-        #: Of the last completed cell, °C, shape (J,): as it is believed, and as it was read.
-        self.temperature_c: FloatArray | None = None
+        #: What was read in the last completed cell, °C, (J,).
         self.reading_c: FloatArray | None = None
         #: Where the last completed cell ended, ns.
         self.end_ns = 0
@@ -78,6 +77,11 @@ class DriftTracker:
         self._start_c: FloatArray = self.history_c
         #: How far the drift may be off, because temperatures were missing, or warm at the start.
         self.uncertainty: Uncertainty | None = None
+
+    @property
+    def temperature_c(self) -> FloatArray | None:
+        """What the drift follows, of the last completed cell, °C, (J,)."""
+        return self.reading_c if self.thermometers is None else self.thermometers.believed_c
 
     @property
     def replaced(self) -> list[int]:
@@ -214,7 +218,7 @@ class DriftTracker:
                 prediction, state, believed_c, cell.measured, period_s, gap_s, model.stands_s
             )
             self._exchanged = exchanged_thermometers.exchanged(prediction, now, self._exchanged)
-            believed_c = self.temperature_c = now.believed_c
+            believed_c = now.believed_c
             for spikes, is_replaced in zip(self.spikes, now.replaced.tolist(), strict=True):
                 spikes.replace(self.end_ns, is_replaced=is_replaced)
             if (believed_again := state.replaced & ~now.replaced).any():
@@ -231,7 +235,7 @@ class DriftTracker:
         exchanged_thermometers.end_exchange(
             self.spikes, prediction, self.thermometers, self.end_ns
         )
-        self.temperature_c, self.reading_c = believed_c, cell.temperature_c
+        self.reading_c = cell.temperature_c
         return believed_c, off
 
     def _off_at_start(self, model: DriftModel, cells_before: int) -> FloatArray:
@@ -363,10 +367,8 @@ class DriftTracker:
             self.spikes, memory.temperature_c.tolist(), memory.silent, jumps, strict=True
         ):
             spikes.go_on(memory.end_ns - cells * memory.period_ns - 1, value_c, jump)
-        self.temperature_c = self.reading_c = memory.temperature_c
+        self.reading_c = memory.temperature_c
         self.thermometers, self.uncertainty = memory.thermometers, memory.uncertainty
-        if self.thermometers is not None:
-            self.temperature_c = self.thermometers.believed_c
         self.end_ns, self._start_c = memory.end_ns, memory.start_c
         self.state, self.drift = memory.filters, memory.compensation
         problem = why_forgotten(max(by_clock_s, 0.0), self.memory_s)
