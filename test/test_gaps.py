@@ -155,7 +155,7 @@ def test_stream_restart_and_file_give_the_same_drift(hasty, tmp_path, monkeypatc
     tracker = lived.compensator.tracker
     # A lone sample behind a leap is not believed, live; a file cannot know. Nor does it hold what
     # was believed before the first readings proved to be wrong, which a restart has forgotten.
-    assume(not tracker.grid.late and not tracker.clocks.strays)
+    assume(not tracker.grid.late and not tracker.clocks.rejected)
     assume(not any(spikes.dropped for spikes in tracker.spikes))
     read = compensated(hasty, killed.seen, tmp_path)
     last = rows[-1][0] - 1

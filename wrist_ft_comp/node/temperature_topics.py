@@ -213,10 +213,9 @@ class TemperatureInput(Part):
         for topic in self.by_topic:
             topic.look()
         tracker, clocks = self._tracker, self._tracker.clocks
-        rejected = clocks.rejected + tracker.grid.rejected + clocks.strays
+        rejected = clocks.rejected + tracker.grid.rejected
         grown, elapsed_s = self._growth.since(
-            usable=self.usable, unusable=self.unusable, rejected=rejected,
-            leapt=clocks.leaps, strays=clocks.strays,
+            usable=self.usable, unusable=self.unusable, rejected=rejected, leapt=clocks.leaps,
             **{f'spike {j}': spikes.dropped for j, spikes in enumerate(tracker.spikes)},
         )  # fmt: skip
         numbers = {
@@ -273,8 +272,6 @@ class TemperatureInput(Part):
                     f'{spikes.believed_c:.1f} to {spikes.strange_c:.1f} °C; that is left out; is '
                     'it loose?'
                 )
-        if 'strays' in lately:
-            yield 'a temperature was dropped, because its stamp was far from those around it'
         if 'leapt' in lately:
             yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
         for j, thermometer in enumerate(self.thermometers, start=1):

@@ -82,9 +82,8 @@ class SourceClocks:
     """
 
     def __init__(self, sources: int) -> None:
-        #: Samples that were dropped as strays, and because their stamp was not later, or no number
-        #: in them.
-        self.strays = self.rejected = 0
+        #: Samples that were dropped: their stamp was a stray one or not later, or no number.
+        self.rejected = 0
         #: How often stamps of a source went on elsewhere.
         self.leaps = 0
         #: A leap of the clock of all sources, at the sample that was taken last.
@@ -115,7 +114,7 @@ class SourceClocks:
         is_ahead = leaps(ahead_ns, usual_ns, _SET_S if is_known else LEAP_S)
         kept, clock.kept = clock.kept, None
         if last is None or not (step_ns < -_SET_NS or is_ahead):
-            self.strays += kept is not None
+            self.rejected += kept is not None
             if last is not None and sample.stamp_ns <= last.stamp_ns:
                 self.rejected += 1
                 return []
@@ -130,7 +129,7 @@ class SourceClocks:
                 ran_back = self.leap is not None and self.leap.to_ns < self.leap.from_ns
                 self.leaps += clock.step_ns is not None or ran_back
                 return self._take(clock, kept, sample)
-            self.strays += 1
+            self.rejected += 1
         clock.kept = sample
         return []
 
@@ -169,11 +168,10 @@ class ClockComparison:
     that has just come.
     """
 
-    def __init__(self, patience_s: float = APART_FOR_S) -> None:
+    def __init__(self) -> None:
         #: By how much the stamps of a source are ahead of those of the wrench, s; only sources for
         #: which that has been too much for the whole patience.
         self.ahead_s: dict[str, float] = {}
-        self._patience_ns = round(patience_s * NANOSECONDS)
         #: Stamp and arrival of the newest wrench, ns.
         self._wrench_ns: tuple[float, float] = 0, -math.inf
         self._since_ns: dict[str, int] = {}
@@ -191,7 +189,9 @@ class ClockComparison:
         if abs(ahead_s) <= max(limit_s, _LEAST_APART_S):
             self._since_ns.pop(source, None)
             self.ahead_s.pop(source, None)
-        elif arrival_ns - self._since_ns.setdefault(source, arrival_ns) >= self._patience_ns:
+        elif (
+            arrival_ns - self._since_ns.setdefault(source, arrival_ns) >= APART_FOR_S * NANOSECONDS
+        ):
             self.ahead_s[source] = ahead_s
 
 

@@ -1,6 +1,5 @@
 """What the node says of itself; of faults that come in, see test_input_faults.py."""
 
-from functools import partial
 import time
 
 from moments import OK, SECOND, STALE, START, WARN
@@ -10,7 +9,6 @@ from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.node.raw_wrench import Counts, WrenchInput
 from wrist_ft_comp.ros.topics import wrench_message
-from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator
 
 LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
@@ -152,8 +150,7 @@ def test_axes_that_no_recording_had_are_named_where_the_sensor_has_them(rig, mak
 
 @pytest.mark.parametrize('stamped', [True, False])
 def test_a_thermometer_on_another_clock_than_the_wrench_is_named(rig, monkeypatch, stamped):
-    comparison = partial(ClockComparison, patience_s=0.0)
-    monkeypatch.setattr('wrist_ft_comp.node.temperature_topics.ClockComparison', comparison)
+    monkeypatch.setattr('wrist_ft_comp.stream.clock.APART_FOR_S', 0.0)
     node = rig(parameters={'temperature_timeout': 3600})
     for late_s, words in ((0, ''), (40, 'all drivers must use one clock')):
         now = time.time_ns()

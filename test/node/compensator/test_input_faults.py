@@ -312,13 +312,11 @@ class TestWrench:
 GOOD = [(second, 30.0) for second in range(21, 24)]
 HOURS = 18_000
 EARLIER = [(second - HOURS, 31.0) for second in range(20, 24)]
-STRAY = 'a temperature was dropped, because its stamp was far from those around it'
 LEAP = 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
 #: Temperatures after 20 s at 30 °C: seconds and values, what is said then, and the drift, N.
 TEMPERATURES = {
     'nan': ([(20, math.nan), *GOOD], '1 are dropped; they are not finite', 5.0),
     'kelvin': ([(20, 298.15), *GOOD], 'Check it and its unit: K and F are named', 5.0),
-    'hours ahead': ([(20 + HOURS, 44.0), *GOOD], STRAY, 5.0),
     'clock set': (EARLIER, LEAP, 5.0),
     'simulation again': (EARLIER, LEAP, 5.5),
     'simulated gap': (
