@@ -30,7 +30,7 @@ class DriftTopic(Part):
     ~/wrench_reference, is compensated without the wrench going through this node.
     """
 
-    title, logged = 'output', True
+    title = 'output'
     topics = (
         ('~/drift', 'zero drift being subtracted, once per thermal cell'),
         ('~/correction', 'compensated minus raw, ten times a second: what controllers add'),

@@ -80,7 +80,7 @@ class ExternalWrench(Part):
     _last: LivePayload | None = None
     _growth: Growth = field(default_factory=Growth)
 
-    title, logged = 'payload', True
+    title = 'payload'
     parameters = (
         Parameter(
             'payload.active', '',

@@ -55,7 +55,7 @@ class Learner(Part):
     #: File of an offered model that could not be made live; it is only offered from then on.
     _failed: str = ''
 
-    title, logged = 'learning', True
+    title = 'learning'
     parameters = (
         at_start(
             'learning.mode', 'off',

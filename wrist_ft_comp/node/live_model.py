@@ -54,7 +54,7 @@ class LiveModel(Part):
     #: How often the history is yet to be written.
     _unwritten: int = 0
 
-    title, logged = 'model', True
+    title = 'model'
     parameters = (
         Parameter(
             'model_file', '',

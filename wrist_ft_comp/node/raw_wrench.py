@@ -70,7 +70,7 @@ def is_silent(hub: Hub, stream: Compensator) -> bool:
 class WrenchInput(Part):
     """Judges the raw wrenches, by the node's counts and its newest wrench."""
 
-    title, logged = 'input', True
+    title = 'input'
 
     def __init__(self, counts: Counts, compensator: Compensator) -> None:
         self._counts, self._compensator = counts, compensator

@@ -216,7 +216,6 @@ class Recorder(Part):
         current = self.current
         if current is not None and current.error is not None:
             self.failure = self._ended(str(current.error), current.rows)
-            self.hub.log.error(self.failure)
             self._close(current)
 
     @service(

@@ -153,7 +153,7 @@ class TemperatureInput(Part):
     #: Stamp of the wrench that was compared last, ns.
     _compared_ns: int | None = None
 
-    title, logged = 'temperature', True
+    title = 'temperature'
     topics = (('temperature', 'one topic per entry of temperature_topics; TOPIC:FIELD: any type'),)
 
     def start(self) -> None:

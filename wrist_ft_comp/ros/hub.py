@@ -55,8 +55,6 @@ class Part:
     parameters: ClassVar[Sequence[Parameter]] = ()
     #: Its topics and what each is for, for ``--help`` and the documentation.
     topics: ClassVar[Sequence[tuple[str, str]]] = ()
-    #: Whether troubles in its statuses are logged; False where it logs them itself.
-    logged: ClassVar[bool] = False
     #: The node, from ``start`` on.
     hub: 'Hub'
     #: Why the hub does not call it any more; empty while all is well.
@@ -323,15 +321,14 @@ class Hub(Node):
         return ''
 
     def _diagnose(self) -> None:
-        """Publish diagnostics (REP-107), and log what is new in those of parts that want it."""
-        statuses, logged = list[Status](), list[Status]()
+        """Publish diagnostics (REP-107), and log what is new in them."""
+        statuses = list[Status]()
         for part in self.parts:
-            found = self.do(part, lambda part=part: list(part.statuses())) or []
-            if part.stopped:
-                found = [Status(part.title, ERROR, part.stopped)]
-            statuses += found
-            logged += found if part.logged else []
-        self.log.report(logged)
+            statuses += self.do(part, lambda part=part: list(part.statuses())) or []
+        self.log.report(statuses)
+        statuses += [
+            Status(part.title, ERROR, part.stopped) for part in self.parts if part.stopped
+        ]
         array, device = DiagnosticArray(), self.hardware_id()
         array.header.stamp = self.get_clock().now().to_msg()
         name = self.get_fully_qualified_name().lstrip('/')
