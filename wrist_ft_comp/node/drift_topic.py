@@ -75,9 +75,6 @@ class DriftTopic(Part):
         grown, _ = self._growth.since(failed=counts.failed, wrenches=counts.wrenches)
         comes = 'wrenches' in self._growth.lately()
         tare = 'active' if stream.tared else 'none'
-        if not stream.tared and stream.tare.any():
-            kept = np.linalg.norm(stream.tare[:3])
-            tare = f'none; {kept:.2g} N are kept, so that the change of model made no step'
         numbers = {'published': str(counts.published), 'tare': tare}
         columns: dict[str, Any] = {
             'drift': stream.compensation.zero, 'tare': stream.tare,
