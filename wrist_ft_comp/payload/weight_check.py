@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from wrist_ft_comp.series import FloatArray, IntArray, ROUNDING
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, ROUNDING
 
 #: The weight has changed where its force differs by this, N: seven times the noise of common
 #: sensors, 0.3 N.
@@ -185,36 +185,24 @@ class WeightCheck:
         if len(distinct(self._poses)) < _FEWEST_POSES:
             return None
         changes = np.array(self._changes)
-        force, weight = changes[:, 0, :3], changes[:, 1, :3]
-        triples = _draws(3, len(changes))
-        turns = _fit_turns(force[triples], weight[triples])
-        moved = np.einsum('tij,nj->tni', turns, weight)
-        medians = np.median(np.linalg.norm(force - moved, axis=2), axis=1)
-        best = int(np.argmin(medians))
-        noise_n, turned = max(medians[best], 1e-9), moved[best]
-        # Along the axis of a turn, or in the plane of a mirror, there are always some; older ones
-        # are of before an IMU was turned.
-        as_weight = np.linalg.norm(force - weight, axis=1) <= 2 * noise_n
-        lately = as_weight[-_KEPT // 2 :].mean()
-        if lately >= _AS_WEIGHT and np.linalg.svd(weight[as_weight])[1][-1] >= _MOVED_N:
-            turned = weight
-        free = np.linalg.norm(force - turned, axis=1) <= 3 * noise_n
-        (turn,) = _fit_turns(force[free][None], weight[free][None])
-        if free.sum() < _FEWEST / 2:
+        changes = changes[_are_free(changes[:, 0, :3], changes[:, 1, :3])]
+        if len(changes) < _FEWEST / 2:
             return None
+        force, weight = changes[:, 0, :3], changes[:, 1, :3]
+        (turn,) = _fit_turns(force[None], weight[None])
         # Between two poses, a turn cannot be told from a contact in one of them; in one plane, a
         # mirror cannot be seen.
-        _, spread, directions = np.linalg.svd(weight[free])
-        beside_n = np.linalg.norm(weight[free] @ directions[1:].T, axis=1)
+        _, spread, directions = np.linalg.svd(weight)
+        beside_n = np.linalg.norm(weight @ directions[1:].T, axis=1)
         is_line = np.sum(beside_n >= _MOVED_N) < _FEWEST / 2
         if is_line:
-            turn = np.eye(3) * np.sum(force[free] * weight[free]) / np.sum(weight[free] ** 2)
+            turn = np.eye(3) * np.sum(force * weight) / np.sum(weight**2)
         elif spread[2] < _MOVED_N and np.linalg.det(turn) < 0:
             turn = turn @ (np.eye(3) - 2 * np.outer(directions[2], directions[2]))
         scale = float(np.cbrt(np.linalg.det(turn)))
-        off_n = np.median(np.linalg.norm(force[free] - weight[free], axis=1))
-        rest = np.median(np.linalg.norm(force[free] - weight[free] @ turn.T, axis=1))
-        reach = np.median(np.linalg.norm(weight[free], axis=1))
+        off_n = np.median(np.linalg.norm(force - weight, axis=1))
+        rest = np.median(np.linalg.norm(force - weight @ turn.T, axis=1))
+        reach = np.median(np.linalg.norm(weight, axis=1))
         limit_n = np.radians(_LEAST_TURN_DEG) * reach
         # Half of it: where the weight points along the axis of a turn it does not move.
         if off_n > limit_n / 2 and rest < _UNEXPLAINED_SHARE * off_n:
@@ -242,11 +230,11 @@ class WeightCheck:
         if is_line:
             return None
         # d × ΔW, linear in d: one block of three rows a change.
-        torque = changes[free, 0, 3:] - changes[free, 1, 3:]
+        torque = changes[:, 0, 3:] - changes[:, 1, 3:]
         moved_nm = np.median(np.abs(changes[:, 0, 3:]))
         if np.isnan(moved_nm) or moved_nm < ROUNDING:  # a sensor of forces alone
             torque = np.zeros_like(torque)
-        rows = np.cross(np.eye(3), weight[free][:, None]).swapaxes(1, 2)
+        rows = np.cross(np.eye(3), weight[:, None]).swapaxes(1, 2)
         shift, *_ = np.linalg.lstsq(rows.reshape(-1, 3), torque.ravel(), rcond=None)
         rest = np.median(np.linalg.norm(torque - rows @ shift, axis=1))
         off = np.median(np.linalg.norm(torque, axis=1))
@@ -359,6 +347,23 @@ class TareCheck:
         off_n = float(np.linalg.norm(off))
         is_proven = self._is_right and now_s - self._near_s < _PRESSED_S
         return off_n if is_same and off_n > near_n and not is_proven else 0.0
+
+
+def _are_free(force: FloatArray, weight: FloatArray) -> BoolArray:
+    """Mark changes, (n, 3) each, that are of one turn, or of the weight; contacts make others."""
+    triples = _draws(3, len(force))
+    turns = _fit_turns(force[triples], weight[triples])
+    moved = np.einsum('tij,nj->tni', turns, weight)
+    medians = np.median(np.linalg.norm(force - moved, axis=2), axis=1)
+    best = int(np.argmin(medians))
+    noise_n, turned = max(medians[best], 1e-9), moved[best]
+    # Along the axis of a turn, or in the plane of a mirror, there are always some; older ones are
+    # of before an IMU was turned.
+    as_weight = np.linalg.norm(force - weight, axis=1) <= 2 * noise_n
+    lately = as_weight[-_KEPT // 2 :].mean()
+    if lately >= _AS_WEIGHT and np.linalg.svd(weight[as_weight])[1][-1] >= _MOVED_N:
+        turned = weight
+    return np.asarray(np.linalg.norm(force - turned, axis=1) <= 3 * noise_n)
 
 
 def _draws(few: int, count: int) -> IntArray:
