@@ -24,6 +24,8 @@ _HELD_UP_S = 3.0
 _BEHIND_S = 0.05
 #: A sensor that sent zeros, or nothing usable, for this time, s, may have begun anew.
 _RESET_S = 1.0
+#: Where a counter of nano-, micro- or milliseconds in 32 bits begins anew, ns.
+_FULL_NS = 2**32 * np.array([1, 1_000, 1_000_000])
 #: A clock that begins anew below this, s, is that of a sensor that was switched on.
 _SWITCHED_ON_S = 600.0
 #: Stamps of wrenches stand still after this many looks in a row at the same one, 2 s: some drivers
@@ -134,7 +136,8 @@ class WrenchInput(Part):
                 )
         if is_sound:
             self._sound_s, self._unsound = now_s, False
-        is_anew = passed_s < 0 and stamp_ns < _SWITCHED_ON_S * NANOSECONDS
+        is_full = bool((np.abs(self._stamp_ns - _FULL_NS) < NANOSECONDS).any())
+        is_anew = passed_s < 0 and stamp_ns < _SWITCHED_ON_S * NANOSECONDS and not is_full
         if is_anew and not simulated:
             compensator.doubt_zero(
                 'stamps of the wrench began anew: if the sensor was off, its zero may be another '

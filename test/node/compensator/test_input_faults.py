@@ -203,9 +203,9 @@ def test_a_silent_sensor_may_have_another_zero(watched, stamped_s, looks, is_sai
         (RAW * [1, 1, 1, 0, 0, 0], (0, 1, 2), 'torque_x, torque_y, '),
         (RAW * [1, 1, 1, math.nan, 1, 1], (0, 1, 2), 'torque_x read nothing, or 0,'),
         (RAW, (1_700_000_000, 2, 9), 'stamps of the wrench began anew: if the sensor was off'),
-        (RAW, (5000, 2, None), ''), (RAW, (5000, 4990, 2), ''),
+        (RAW, (5000, 2, None), ''), (RAW, (5000, 4990, 2), ''), (RAW, (4295, 0, 0.1), ''),
     ],
-    ids=['well', 'zeros', 'nothing', 'switched on', 'simulated', 'clock set'],
+    ids=['well', 'zeros', 'nothing', 'switched on', 'simulated', 'clock set', 'full'],
 )  # fmt: skip
 def test_what_begins_after_a_tare_is_not_zeroed_by_it(watched, at_tare, times_s, said):
     """Two stamps and a pause; a node may have been held up in it, and know of none."""
