@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,14 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.learning import model_choice
 from wrist_ft_comp.learning.days import DayEntry, NONE, worthiest
 from wrist_ft_comp.learning.incidents import describe, left, look_at
-from wrist_ft_comp.learning.model_choice import Champion, compare, describe_day, reason, take
+from wrist_ft_comp.learning.model_choice import (
+    Champion,
+    compare,
+    covers,
+    describe_day,
+    reason,
+    take,
+)
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift
 
@@ -59,7 +67,13 @@ def test_days_at_rest_do_not_replace_a_model_that_knows_work(look, good):
         NAMES[4], look, past(look, Champion('a' * 12, known), 1, 2, 3),
         Champion('a' * 12, known), NAMES[:6], '', QUICK)  # fmt: skip
     assert choice.better is None
-    assert 'its days saw less than half of the temperatures that the live' in choice.entry.verdict
+    assert 'its days warmed by less than half of what the live model knows' in choice.entry.verdict
+
+
+def test_summer_days_replace_a_winter_model(good):
+    axis = next(iter(good.axes.values()))
+    found = SimpleNamespace(temperature_range_c=np.array(axis.range_c).T + 25.0)
+    assert covers(found, good)
 
 
 def test_days_before_a_decision_do_not_bring_a_model_back(look, good):

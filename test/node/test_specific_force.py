@@ -1,6 +1,5 @@
 """Where down is, live: bytes of an IMU or of TF in, specific force out."""
 
-import re
 import sys
 
 from moments import SECOND, START
@@ -102,14 +101,13 @@ def test_a_frame_that_is_moved_on_the_robot_is_doubted_until_the_next_tare(start
     for milliseconds in range(0, 100, 10):
         moving(hub, milliseconds, TO_TOOL)
     assert stream.zero_doubts == []
-    for milliseconds, quaternion, how in (
-        (100, turned, r'at 5\d rad/s'), (3200, NO_TURN, r'by \d+ degrees while no specific'),
-    ):  # fmt: skip
+    for milliseconds, quaternion in ((100, turned), (3200, NO_TURN), (6300, turned)):
         moving(hub, milliseconds, ('arm', 'tool', quaternion))
         moving(hub, milliseconds + 10, ('arm', 'tool', quaternion))
         (doubt,) = stream.zero_doubts
-        assert re.match(f'by TF the frame of the wrench turned {how}', doubt)
-        stream.reset_tare()
+        assert doubt.startswith('by TF the frame of the wrench turned faster than a robot')
+        if milliseconds < 3200:  # later ones add no sentence
+            stream.reset_tare()
 
 
 @pytest.mark.usefixtures('ros_domain', 'tf_messages')

@@ -144,8 +144,8 @@ def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
     why_not = 'It is not used'
     if taken and champion.model and not covers(found, champion.model):
         taken, why_not = False, (
-            'It is not used: its days saw less than half of the temperatures that the live model '
-            'knows, as days at rest do'
+            'It is not used: its days warmed by less than half of what the live model knows, as '
+            'days at rest do'
         )  # fmt: skip
     verdict = (
         f'{words}A new model ({why}) would have left {entry.rms_left(CHALLENGER):.2g} N. On '
@@ -162,16 +162,15 @@ def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
 
 
 def covers(found: Calibration, live: DriftModel) -> bool:
-    """Whether a new model has seen at least half of the temperatures that the live one knows."""
+    """Whether a new model knows half as many kelvin as the live one, at least, of its widest."""
     known_c = np.array([axis.range_c for axis in live.axes.values()]).reshape(
         -1, 2, live.thermometers
     )
     if not len(known_c):
         return True
-    lowest_c, highest_c = known_c[:, 0].min(axis=0), known_c[:, 1].max(axis=0)
-    low_c, high_c = found.temperature_range_c.T
-    seen_k = np.minimum(high_c, highest_c) - np.maximum(low_c, lowest_c)
-    return bool((seen_k >= (highest_c - lowest_c) / 2).all())
+    known_k = known_c[:, 1].max(axis=0) - known_c[:, 0].min(axis=0)
+    most = np.argmax(known_k)
+    return bool(np.ptp(found.temperature_range_c[most]) >= known_k[most] / 2)
 
 
 def held_out(found: Calibration, days: Sequence[DayEntry]) -> FloatArray:

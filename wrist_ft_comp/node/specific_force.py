@@ -222,17 +222,14 @@ class SpecificForceInput(Part):
             return
         x, y, z = specific_force.tolist()
         # Was the frame of the wrench moved on the robot?
-        unseen_deg, how = math.degrees(self._tree.turned_unseen_rad), ''
+        unseen_deg = math.degrees(self._tree.turned_unseen_rad)
         self._tree.turned_unseen_rad = 0.0
-        if turning > _LEAP_RAD_S:
-            how = f'turned at {turning:.0f} rad/s'
-        elif unseen_deg > _UNSEEN_DEG:
-            how = f'turned by {unseen_deg:.0f} degrees while no specific force came'
-        if how:
+        if turning > _LEAP_RAD_S or unseen_deg > _UNSEEN_DEG:
             self._compensator.doubt_zero(
-                f'by TF the frame of the wrench {how}: if it was moved on the robot, perhaps by '
-                'another TCP, then drift, payload and tare are those of the frame before; go back '
-                'to it, or call ~/tare'
+                'by TF the frame of the wrench turned faster than a robot does, or while /tf '
+                'paused: if it was moved on the robot, perhaps by another TCP, then drift, '
+                'payload and tare are those of the frame before; go back to it, or call ~/tare. '
+                'If that does not help: do two nodes publish it?'
             )
         speed = float(turning) if math.isfinite(turning) else None
         self.hub.broadcast('on_specific_force', at_ns, (x, y, z), speed)
