@@ -160,6 +160,20 @@ def recordings(drift_csv, bags, monkeypatch):
     return {'csv': drift_csv, **bags}
 
 
+@pytest.mark.parametrize(
+    'case', ['csv -o m.csv', 'csv -o m.html', 'csv --report r.mcap', 'csv --report r.yaml',
+             'csv copy o.mcap', 'mcap copy o.csv', 'mcap copy o.mcap', 'sqlite3 copy o.mcap'],
+)  # fmt: skip
+def test_a_name_that_promises_something_else_is_refused(case, run, recordings, model, tmp_path):
+    kind, option, name = case.split()
+    more = ['-o', tmp_path / 'm.yaml'] if option == '--report' else []
+    argv = ['calibrate', recordings[kind], *more, option, tmp_path / name]
+    if option == 'copy':
+        argv = ['compensate', model, recordings[kind], '-o', tmp_path / name]
+    assert f'not in .{name.partition(".")[2]}' in run(*argv).sentence
+    assert not list(tmp_path.iterdir())
+
+
 def test_obstacles_of_a_copy_are_found_before_the_work(run, recordings, model, tmp_path):
     (tmp_path / 'empty.csv').touch()
     csv = recordings['csv']

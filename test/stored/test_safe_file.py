@@ -68,7 +68,7 @@ def test_a_target_that_cannot_be_written_is_a_sentence(content, target, monkeypa
     def refuse(_):
         raise OSError(errno.ENOSPC, 'No space left on device')
 
-    kind = Output(name='sheet', begins='old')
+    kind = Output(name='sheet', begins='old', endings='')
     kind.write(target, content)
     assert target.read_bytes() in {b'text', b'PNG'}
     with pytest.raises(OutputError, match=r'file\.txt is no folder'):
@@ -258,7 +258,7 @@ def test_a_slow_disk_delays_nobody_and_of_a_file_the_newest_is_written(tmp_path,
     assert writer.end(TIMEOUT_S)
     writer.poll()
     assert (path.read_text(), told, len(written)) == ('9', [''] * 10, 2)
-    refused = Output(name='sheet', begins='x')
+    refused = Output(name='sheet', endings='', begins='x')
     for write in (partial(refused.write, path, ''), lambda: 1 / 0):
         writer.put('a', write, told.append)
     assert 'a.txt cannot be written: it exists and is no sheet' in told[-2]

@@ -58,10 +58,12 @@ def rewrite_recording(
 
 def check_copy(source: Path, topics: Topics, target: Path, others: Sequence[Path] = ()) -> Output:
     """Refuse a target of a copy, or a copy of a copy, before anything is read."""
-    copy = Output(name='copy')
+    copy = Output(name='copy', endings='.csv')
     with open_recording(source, topics) as opened:
-        if isinstance(opened, OpenBag) and opened.bag.named(OUTPUT):
-            raise OutputError(f'{opened.name} holds {OUTPUT} already. Name the raw recording.')
+        if isinstance(opened, OpenBag):
+            copy = Output(name='copy of a bag (a folder)', endings='nothing')
+            if opened.bag.named(OUTPUT):
+                raise OutputError(f'{opened.name} holds {OUTPUT} already. Name the raw recording.')
     copy.check_target(target, [source, *others])
     return copy
 

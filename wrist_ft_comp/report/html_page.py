@@ -16,7 +16,7 @@ from wrist_ft_comp.stored.safe_file import Output
 #: What every page names as its generator, by which it is known again.
 GENERATOR = 'wrist_ft_comp report'
 REPORT = Output(
-    name='report',
+    name='report', endings='.html .htm',
     begins='<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
     f'<meta name="generator" content="{GENERATOR}">')  # fmt: skip
 

@@ -26,7 +26,7 @@ PAINTER = 'wrist_ft_comp picture'
 PICTURE = Output(
     # Header, image header, and the text, before or after the chunk that holds the resolution.
     # Bytes that are no text count as one letter, alone or together.
-    name='picture',
+    name='picture', endings='.png',
     begins=rf'.PNG\r\n\x1a\n.{{20,80}}tEXtSoftware\x00{PAINTER}')  # fmt: skip
 
 # One palette, after Okabe and Ito: its colours differ with every common colour deficiency and in

@@ -59,7 +59,7 @@ def _parse(content: bytes) -> Any:
 KIND = Kind(
     name='model file', says='wrist_ft_comp drift model',
     begins=r'format: wrist_ft_comp drift model\nversion: \d+\n\w', version=4, max_bytes=4_000_000,
-    error=ModelFileError, parse=_parse,
+    endings='.yaml .yml', error=ModelFileError, parse=_parse,
     made_by='Make a model with wrist_ft_comp calibrate.',
     renewed_by='Calibrate again',
     remedy='Name another file, or make room; no file was changed.')  # fmt: skip

@@ -34,6 +34,8 @@ _SUFFIX = '.wrist_ft_comp.tmp'
 MAKE_ROOM = 'Make room, or choose another data_directory;'
 #: A disk that takes longer than this for a file hangs, s.
 _HANGS_S = 10.0
+#: Endings that promise a content: a new file of another content may not have them.
+_PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .xlsx .parquet .mcap .db3'
 #: What no path holds: a NUL, or half of a character of two; bytes that are no text are others.
 _IN_NO_PATH = re.compile('[\0\ud800-\udc7f\udd00-\udfff]')
 #: What a single value may be by its annotation, the words for it, and what else has to hold.
@@ -208,6 +210,8 @@ class Output:
     #: Regular expression of how every such file begins, and no other; empty where an existing
     #: file is never replaced.
     begins: str = ''
+    #: Endings that its name may have, among those that promise a content: ``.html .htm``.
+    endings: str
     #: What is raised.
     error: type[WristFtCompError] = OutputError
     #: What to do where the disk refuses one, a sentence.
@@ -224,8 +228,9 @@ class Output:
         There may be nothing, an empty file, or a file of this kind, but none of ``others``, which
         are what the same command reads, or writes besides. The folder must be there.
         """
-        folder, reason = path.absolute().parent, ''
+        folder, ending, reason = path.absolute().parent, path.suffix.lower(), ''
         filled = path.is_file() and (path.stat().st_size > 0 or not self.begins)
+        promises_other = ending in _PROMISING.split() and ending not in self.endings.split()
         # Two paths may lead to one file, spelt differently or by links.
         same = [
             one for one in others
@@ -242,6 +247,8 @@ class Output:
             reason = f'it exists and is no {self.name} of this package'
         elif not folder.is_dir():
             reason = f'{folder} is no folder; make it first'
+        elif promises_other and not filled:
+            reason = f'a {self.name} ends in {self.endings}, not in {ending}'
         elif not os.access(folder, os.W_OK):
             reason = f'{folder} may not be written to'
         if reason:
@@ -273,6 +280,7 @@ class Kind(Output):
     made_by: str
     #: What to do about a broken one.
     renewed_by: str
+    endings: str = '.json'
     #: Turns its bytes into values, or raises ValueError.
     parse: Callable[[bytes], Any] = parse_json
 
