@@ -362,9 +362,14 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
 
 
 def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:
-    """Name thermometers that stand still."""
-    return [
-        f'Thermometer {j + 1} reads {value_c:.1f} °C all the time. Check its topic.'
-        for j, value_c in enumerate(recordings[0].temperature_c[0])
-        if not any(differ(r.temperature_c[:, j], value_c).any() for r in recordings)
-    ]
+    """Name thermometers that stand still throughout a recording."""
+    sentences = list[str]()
+    for j in range(recordings[0].thermometers):
+        columns = {recording.name: recording.temperature_c[:, j] for recording in recordings}
+        still = [name for name, read_c in columns.items() if not differ(read_c, read_c[0]).any()]
+        if still:
+            sentences.append(
+                f'Thermometer {j + 1} reads {columns[still[0]][0]:.1f} °C all the time in '
+                f'{", ".join(still)}. Check its topic.'
+            )
+    return sentences
