@@ -93,7 +93,8 @@ def open_bag(path: Path) -> Iterator[Bag]:
         if len(files) > 1:
             raise RecordingError(
                 f'{path} holds {len(files)} storage files and no metadata.yaml. Unpack any .zstd '
-                f"by 'unzstd --rm' and run 'ros2 bag reindex {path}', or name one of the files."
+                f"by 'unzstd --rm' and run 'ros2 bag reindex {path}', or name the first one: the "
+                'others begin on a warm robot.'
             )
         if not files:
             raise RecordingError(
