@@ -53,6 +53,8 @@ class Family:
     unequal: bool = False
     #: Days to learn from are warm-ups that come to rest.
     steady: bool = False
+    #: How much warmer the hall is on the second day than on the first; on the last, in between, K.
+    warmer_k: float = 0.0
 
 
 FAMILIES: dict[str, Family] = {
@@ -88,6 +90,10 @@ FAMILIES |= {
 }
 FAMILIES |= {
     f'short_{count}': Family(f'three recordings of 20 min, {words}', count, 3, 1 / 3)
+    for count, words in _WORDS.items()
+}
+FAMILIES |= {
+    f'halls_{count}': Family(f'two halls, 20 K apart, {words}', count, 2, 3.0, warmer_k=20.0)
     for count, words in _WORDS.items()
 }
 
@@ -227,7 +233,10 @@ def family(name: str, seed: int, more: int = 0) -> World:
             heat = UNEQUAL[number] * rng.uniform(0.7, 1.0)
             base_c = float(day[0].mean())
             night, day = (base_c + heat * (values_c - base_c) for values_c in (night, day))
-        if last:
+        if kind.warmer_k:
+            shift = kind.warmer_k * (float(rng.uniform(0, 1)) if last else number)
+            night, day = night + shift, day + shift
+        elif last:
             node = thermometers.nodes[0]
             learnt = np.concatenate([earlier[:, node] for _, earlier in days[: kind.days]])
             shift = shift_of(rng, learnt, day[:, node])

@@ -138,7 +138,7 @@ def test_days_on_which_a_robot_repeats_its_program_are_no_single_day(good):
 
 
 @pytest.mark.parametrize(('minutes', 'cools', 'is_promise'), [
-    (20, True, False), (45, True, True), (45, False, False), (150, False, True),
+    (20, True, False), (45, True, False), (75, True, True), (75, False, False), (150, False, True),
 ])  # fmt: skip
 def test_short_recordings_promise_nothing_nor_do_short_warm_ups(
     make_recording, minutes, cools, is_promise

@@ -119,7 +119,9 @@ def _are_equal(one: Recording, other: Recording, shift: int) -> bool:
                 apart -= np.median(apart)
             # An export may be thinner.
             fewer = min(np.isfinite(values).sum() for values in (ours, theirs))
-            shares.append((np.abs(apart) <= near).mean() * both / fewer if both else 0.0)
+            shares.append(
+                (np.abs(apart) <= near).mean() * both / fewer if both >= MIN_SAMPLES else 0.0
+            )
     is_read = len(shares) > one.thermometers
     return is_read and bool(min(shares) > _NEARLY_ALL)
 
