@@ -9,14 +9,13 @@ ROOT = Path(__file__).parents[1]
 #: what a user gets for it.
 MOST = {
     # Above the goal of 21 500: 1 060 lines came for faults that left 1 to 188 N with every status
-    # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md. Up by 264:
-    # small jumps of thermometers, days in two recordings, frozen ones of few digits, short days.
-    'wrist_ft_comp': 22_823,
+    # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
+    'wrist_ft_comp': 22_579,
     # Above the goal of 19 000, for a hundred faults that were found by reading and breaking; each
-    # test was red. Up by 213 for those of the package.
-    'test': 19_240,
-    # Up by 28: the machine of truth changes models, and worlds have short recordings.
-    'bench': 5_228,
+    # test was red.
+    'test': 19_203,
+    # Up by 9: worlds have a cold and a hot hall.
+    'bench': 5_237,
 }
 
 
