@@ -77,7 +77,7 @@ def add_part_and_report(parser: argparse.ArgumentParser) -> None:
     part = parser.add_argument_group('a part of the recordings')
     part.add_argument(
         '--from', dest='begin', default='', metavar='TIME',
-        help='leave out what was before, since the beginning: 80min, 1.5h or 1:20:00')  # fmt: skip
+        help='leave out what was before, of each recording: 80min, 1.5h or 1:20:00')  # fmt: skip
     part.add_argument(
         '--until', dest='end', default='', metavar='TIME', help='leave out what was after'
     )
