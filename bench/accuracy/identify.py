@@ -17,7 +17,8 @@ import numpy as np
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.identify_payload import identify
-from wrist_ft_comp.payload.weight import CELL_S, DURATION_S, MotionCollector, Payload
+from wrist_ft_comp.payload.motion_collector import CELL_S, DURATION_S, MotionCollector
+from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.simulation import robot_at_work as robots
 

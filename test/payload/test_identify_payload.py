@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.identify_payload import identify
-from wrist_ft_comp.payload.weight import CELL_S, DURATION_S, ForceFrame, MotionCollector, Payload
+from wrist_ft_comp.payload.motion_collector import CELL_S, DURATION_S, MotionCollector
+from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.simulation import robot_at_work
 
 SECOND = 1_000_000_000

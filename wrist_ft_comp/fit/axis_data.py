@@ -11,9 +11,10 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.fit.chamber_test import find_plateaus, MOST_PLATEAUS
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.recording import Recording, Reference
-from wrist_ft_comp.series import differ, FloatArray, IntArray, noise_level, stretches
+from wrist_ft_comp.series import differ, FloatArray, IntArray, noise_level
 
 #: Candidates are fitted to sums over bins of this length, and errors are judged and stated as
 #: means over it: drift hardly changes within it, s.
@@ -26,11 +27,6 @@ BINS_PER_FOLD = 8
 FOLDS = 3
 #: Fewer cells with a wrench than this cannot be divided into folds worth holding out.
 MIN_SAMPLES = FOLDS * BINS_PER_FOLD
-#: A chamber test has at least as many plateaus as there are folds, and at most this many.
-MOST_PLATEAUS = 12
-#: On a plateau temperature moves by less than this share of the smallest step between plateaus:
-#: a chamber holds to a tenth of that, and a warm-up moves more between any two of its gaps.
-_STILL = 0.25
 #: The load of an axis varies enough where its deviation is this many times the noise.
 MIN_LOAD_TO_NOISE = 10.0
 
@@ -150,26 +146,6 @@ def _why_no_sensitivity(residual: Sequence[FloatArray], load: Sequence[FloatArra
 def bin_cells(longest: int, period_s: float) -> int:
     """Count the cells of a bin, by those of the longest recording."""
     return max(min(round(BIN_S / period_s), longest // MIN_SAMPLES), 1)
-
-
-def find_plateaus(recordings: Sequence[Recording]) -> IntArray | None:
-    """
-    Count the plateaus of a chamber test, shape (N,); None unless there are 3 to 12.
-
-    A plateau is a stretch of wrenches in which temperature stands still; between plateaus it
-    moves. A warm-up with gaps has none.
-    """
-    if len(recordings) > 1:
-        return None
-    present = np.any(np.isfinite(recordings[0].wrench), axis=1)
-    plateaus = stretches(present, recordings[0].period_s)
-    if not FOLDS <= plateaus[-1] + 1 <= MOST_PLATEAUS:
-        return None
-    temperature_c = recordings[0].temperature_c
-    leading = temperature_c[:, np.argmax(np.ptp(temperature_c, axis=0))]
-    levels = [leading[present & (plateaus == number)] for number in range(plateaus[-1] + 1)]
-    steps_k = np.abs(np.diff([np.mean(level) for level in levels]))
-    return plateaus if max(map(np.ptp, levels)) < _STILL * steps_k.min() else None
 
 
 def build_features(

@@ -16,12 +16,8 @@ from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
 from wrist_ft_comp.fit import data_checks as checks
 from wrist_ft_comp.fit.auto_method import identify_auto
-from wrist_ft_comp.fit.axis_data import (
-    BIN_S,
-    build_axis_data,
-    find_plateaus,
-    MIN_SAMPLES,
-)
+from wrist_ft_comp.fit.axis_data import BIN_S, build_axis_data, MIN_SAMPLES
+from wrist_ft_comp.fit.chamber_test import find_plateaus
 from wrist_ft_comp.fit.folds import assign_folds, folds_within
 from wrist_ft_comp.fit.outliers_and_steps import begin_where_tared, MOVING, segment
 from wrist_ft_comp.fit.paper_methods import identify_paper_method

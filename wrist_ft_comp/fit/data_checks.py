@@ -10,7 +10,8 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import LEAST_RANGE_K, order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.axis_data import find_plateaus, MIN_SAMPLES
+from wrist_ft_comp.fit.axis_data import MIN_SAMPLES
+from wrist_ft_comp.fit.chamber_test import find_plateaus
 from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, time_in
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level

@@ -6,7 +6,8 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import DriftModel, LEAST_RANGE_K
 from wrist_ft_comp.fit import axis_data
-from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, FOLDS, MOST_PLATEAUS
+from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, FOLDS
+from wrist_ft_comp.fit.chamber_test import find_plateaus, MOST_PLATEAUS
 from wrist_ft_comp.fit.result import HeldOut
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
@@ -23,7 +24,7 @@ def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
     """Assign each cell, (N_i,), to a fold: recordings, plateaus, or else stretches of one."""
     if len(recordings) > 1:
         return [np.full(len(recording), i) for i, recording in enumerate(recordings)]
-    if (plateaus := axis_data.find_plateaus(recordings)) is not None:
+    if (plateaus := find_plateaus(recordings)) is not None:
         return [plateaus]
     # Half by time, half by kelvin: by time alone the first third of a warm-up holds nearly all of
     # its drift, and nothing that is learnt without it can tell whether it would hold there.

@@ -16,7 +16,7 @@ import scipy  # which loads its parts when they are used
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import DriftModel, run_from_rest
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.axis_data import find_plateaus
+from wrist_ft_comp.fit.chamber_test import find_plateaus
 from wrist_ft_comp.fit.data_checks import Cleaned, MOST_LEFT_OUT, runs_of
 from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import Recording, Reference, time_in

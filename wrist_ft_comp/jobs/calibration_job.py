@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, WristFtCompError
@@ -13,6 +14,7 @@ from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.recordings.read import hash_recording, period_of, read_recording
+from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.report.report_content import calibration_content, ReportContent
 from wrist_ft_comp.series import part_of, Progress
 from wrist_ft_comp.stored.model_file import save_model
@@ -52,6 +54,22 @@ def run_job(
     calibration, stored = save(job, found, paths)
     options = job.topics.options(job.settings.reference)
     return calibration, calibration_content(calibration, recordings, stored, options)
+
+
+def calibrate_for_node(job: CalibrationJob) -> dict[str, Any]:
+    """Run a job, and write its report; give the outcome in plain values."""
+    _, content = run_job(job)
+    stored = content.stored
+    lines = [*content.lines(), f'saved as {stored.path}']
+    if job.report is not None:
+        try:  # a model is not given up because its report cannot be written
+            REPORT.write(job.report, page(content))
+            lines.append(f'report: {job.report}')
+        except WristFtCompError as error:
+            lines.append(f'warning: {error}')
+    return {
+        'success': True, 'message': '\n'.join(lines), 'path': str(stored.path),
+        'sha256': stored.sha256, 'document': stored.document}  # fmt: skip
 
 
 def _read(

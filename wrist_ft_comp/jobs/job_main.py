@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.jobs.calibration_job import run_job
+from wrist_ft_comp.jobs.calibration_job import calibrate_for_node
 from wrist_ft_comp.jobs.job_process import CalibrationJob, end_with
 from wrist_ft_comp.jobs.learning_job import learn
 from wrist_ft_comp.payload.identify_payload import CHANNELS, identify
 from wrist_ft_comp.payload.weight import ForceFrame, payload_line
-from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
 from wrist_ft_comp.stored.safe_file import from_plain, parse_json
 
@@ -38,20 +37,9 @@ def answer(job: CalibrationJob) -> dict[str, Any]:
             return {
                 'success': True, 'message': f"{message} in the wrench's frame.", 'name': name,
                 'rotation': rotation}  # fmt: skip
-        _, content = run_job(job)
+        return calibrate_for_node(job)
     except (WristFtCompError, OSError) as error:
         return {'success': False, 'message': str(error)}
-    stored = content.stored
-    lines = [*content.lines(), f'saved as {stored.path}']
-    if job.report is not None:
-        try:  # a model is not given up because its report cannot be written
-            REPORT.write(job.report, page(content))
-            lines.append(f'report: {job.report}')
-        except WristFtCompError as error:
-            lines.append(f'warning: {error}')
-    return {
-        'success': True, 'message': '\n'.join(lines), 'path': str(stored.path),
-        'sha256': stored.sha256, 'document': stored.document}  # fmt: skip
 
 
 def main() -> None:

@@ -15,7 +15,8 @@ from wrist_ft_comp.jobs.job_process import CalibrationJob, JobProcess, Minute
 from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import Recorder
-from wrist_ft_comp.payload.weight import CELL_S, ForceFrame, MotionCollector
+from wrist_ft_comp.payload.motion_collector import CELL_S, MotionCollector
+from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
 from wrist_ft_comp.ros.hub import Part

@@ -13,13 +13,8 @@ from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.node.payload_choice import changed_frames, PayloadChoice, unknown_turn
 from wrist_ft_comp.node.raw_wrench import Counts, is_silent
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.payload.weight import (
-    FARTHEST_M,
-    ForceFrame,
-    LivePayload,
-    MOST_KG,
-    MotionCollector,
-)
+from wrist_ft_comp.payload.motion_collector import MotionCollector
+from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, LivePayload, MOST_KG
 from wrist_ft_comp.payload.weight_check import (
     HiddenWeight,
     LAG_STEP_S,
