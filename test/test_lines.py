@@ -14,8 +14,8 @@ MOST = {
     # Above the goal of 19 000, for a hundred faults that were found by reading and breaking; each
     # test was red.
     'test': 19_203,
-    # Up by 9: worlds have a cold and a hot hall.
-    'bench': 5_237,
+    # Up by 10: worlds have a cold and a hot hall.
+    'bench': 5_238,
 }
 
 
