@@ -64,7 +64,7 @@ def test_a_refusal_leaves_the_model_as_it_was(run, drift_csv, model, tmp_path):
 
 
 def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
-    days = [make.csv(tmp_path / f'{n}.csv', make.drifting(1950, n, every=3)) for n in (1, 2, 3)]
+    days = [make.csv(tmp_path / f'{n}.csv', make.drifting(3900, n, every=3)) for n in (1, 2, 3)]
     path, page = tmp_path / 'm.yaml', tmp_path / 'r.html'
     for recordings in (days[:1], days[:2]):
         argv = ['calibrate', *recordings, '-o', path, '--method', 'pls']

@@ -81,6 +81,11 @@ class AxisData:
         return len({i for i, _ in self.folds_by_recording})
 
     @property
+    def holds_out_days(self) -> bool:
+        """Whether whole recordings are held out, and not stretches of them."""
+        return len(self.folds_by_recording) == self.recordings > 1
+
+    @property
     def samples(self) -> int:
         """Number of cells with a sample."""
         return sum(int(np.isfinite(residual).sum()) for residual in self.residual)

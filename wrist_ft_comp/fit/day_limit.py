@@ -25,7 +25,7 @@ _ONE_WAY_S, _ONE_WAY_SHARE = 7200.0, 0.2
 #: (bench/accuracy/worlds.py --dev); on worlds that nobody looked at it was below on 92 ...
 _LIMIT_OF_STRETCHES = 9.0
 #: ... and where whole recordings were.
-_LIMIT_OF_RECORDINGS = 6.0
+_LIMIT_OF_DAYS = 6.0
 
 
 def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
@@ -61,8 +61,7 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
         cells = averaged_cells(data.period_s)
         drifts = [tared_means(residual, cells, data.period_s) for residual in data.residual]
         largest = float(np.abs(np.concatenate(drifts)).max(initial=0.0))
-        are_whole = len(data.folds_by_recording) == data.recordings
-        limit = expected * (_LIMIT_OF_RECORDINGS if are_whole else _LIMIT_OF_STRETCHES)
+        limit = expected * (_LIMIT_OF_DAYS if data.holds_out_days else _LIMIT_OF_STRETCHES)
     # Where the drift stays below it, too, it is no promise, nor where nothing lasted.
     is_promise = limit <= largest and data.longest_s >= _PROMISES_S
     # Short warm-ups agree with each other, and say nothing of how the sensor cools.
@@ -98,7 +97,7 @@ def expected_rms(
     learnt from all of them leaves less than what each was held out from.
     """
     uncompensated, left = squares[:, 0], (squares[:, -1] + squares[:, :-1] @ weights) / 2
-    if data.recordings > 1:
+    if data.holds_out_days:
         # What n recordings leave, by what n - 1 of them leave: the median of 1270 axes that were
         # learnt from two to six drawn days kept 0.86 of what was expected with this power.
         learnt_more = (1 - 1 / len(left)) ** (1 / 3)
@@ -123,14 +122,14 @@ def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
     """
     Say how many times more is left of a day than of blocks that, uncompensated, leave some RMS.
 
-    A single recording is held out in blocks. What a model leaves wanders like a random walk, so
-    it grows by the root of how much further drift goes in the whole recording; else by nothing.
-    In a day longer than the recording, s, it goes on as it did from a block to the whole.
+    What a model leaves of blocks wanders like a random walk, so it grows by the root of how much
+    further drift goes in the whole recording; where recordings are held out, by nothing. In a day
+    longer than the recording, s, it goes on as it did from a block to the whole.
     """
-    if data.recordings > 1 or not data.tared or before == 0:
+    if data.holds_out_days or not data.tared or before == 0:
         return 1.0
-    (residual,) = (values for values in data.residual if np.isfinite(values).any())
-    y = tared_means(residual, data.bin_cells, data.period_s)
+    read = [values for values in data.residual if np.isfinite(values).any()]
+    y = np.concatenate([tared_means(values, data.bin_cells, data.period_s) for values in read])
     further = max(1.0, float(np.sqrt(np.mean(y**2))) / before)
-    longer = max(1.0, day_s / (len(residual) * data.period_s))
+    longer = max(1.0, day_s / (max(map(len, read)) * data.period_s))
     return float(further ** (0.5 * (1 + np.log(longer) / np.log(FOLDS))))

@@ -44,10 +44,10 @@ def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
 
 def folds_within(recordings: Sequence[Recording]) -> list[IntArray] | None:
     """
-    Assign cells, (N_i,), to stretches of each recording, where these are apart; None elsewhere.
+    Assign cells, (N_i,), to stretches of each recording, where all are apart; None elsewhere.
 
-    A day in a hall so cold, or hot, that others reach less than _SHARED of its temperatures is no
-    measure of what is learnt from them. Each has to be long enough for stretches, and to warm.
+    Days in halls so cold, and hot, that each shares less than _SHARED of its temperatures with any
+    other are no measure of each other. Each has to be long enough for stretches, and to warm.
     """
     low_c, high_c = (
         np.array([edge(recording.temperature_c, axis=0) for recording in recordings])
@@ -60,7 +60,7 @@ def folds_within(recordings: Sequence[Recording]) -> list[IntArray] | None:
     is_apart = shared_k.max(axis=0) < _SHARED * (high_c - low_c)
     lengths = list(map(len, recordings))
     is_short = FOLDS * min(lengths) < max(lengths) or (high_c - low_c).min() < LEAST_RANGE_K
-    if len(recordings) < 2 or not is_apart.any() or is_short:
+    if len(recordings) < 2 or not is_apart.all() or is_short:
         return None
     return [assign_folds([one])[0] + i * MOST_PLATEAUS for i, one in enumerate(recordings)]
 

@@ -178,7 +178,7 @@ def held_out(found: Calibration, days: Sequence[DayEntry]) -> FloatArray:
     left = np.full((len(days), len(AXES)), np.nan)
     for axis, fit in found.fits.items():
         errors, numbers = rms_by_fold(fit.held_out), np.unique(fit.held_out.recording)
-        if len(numbers) == 1:  # dead on the other days: what was held out are parts of a day
+        if len(numbers) < len(errors.before):  # what was held out are parts of a day
             continue
         drift = np.array([days[number].left[NONE] for number in numbers])[:, AXES.index(axis)]
         # As a share, because the diary tares in a minute of cells, and a fit in one of bins.

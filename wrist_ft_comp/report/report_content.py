@@ -148,7 +148,8 @@ def calibration_content(
         held_out = fit.held_out
         # Drift goes further in a day than in a block: what is stated over what was held out.
         measured = float(rms_by_fold(held_out).after.mean())
-        whole = not held_out.tared or len(np.unique(held_out.recording)) > 1
+        days = len(np.unique(held_out.recording))
+        whole = not held_out.tared or days == len(np.unique(held_out.fold)) > 1
         widening = 1.0 if whole or measured == 0 else fit.rms_after / measured
         series = _series(recordings, held_out)
         before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
