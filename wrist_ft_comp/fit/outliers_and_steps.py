@@ -128,17 +128,19 @@ def _unlike_drift(
     """Choose the pauses, by the cells behind them, over which more changed than by slow drift."""
     _, drift = run_from_rest(model, recording.temperature_c)
     left = recording.wrench - np.nan_to_num(recording.reference) - drift.zero
-    minute = max(1, round(_MINUTE_S / recording.period_s / _cells_apart(at)))
+    apart_s = recording.period_s * _cells_apart(at)
+    minute = max(1, round(_MINUTE_S / apart_s))
     parts = np.split(left[at], np.searchsorted(at, cells))
     means = [mean_over(part, minute) for part in parts]
     chosen = list[int]()
     for k, cell in enumerate(cells):
-        paused = (cell - at[np.searchsorted(at, cell) - 1]) * recording.period_s
-        lag = max(1, round(paused / _MINUTE_S))
+        paused_s = (cell - at[np.searchsorted(at, cell) - 1]) * recording.period_s
+        lag = max(1, round(paused_s / apart_s / minute))
         usual = [np.abs(part[lag:] - part[:-lag]) for part in means if len(part) > lag]
         usual += [np.ptp(part, axis=0)[np.newaxis] for part in means if len(part) <= lag]
         most = np.nanmax(np.concatenate(usual), axis=0, initial=0.0)
-        change = parts[k + 1][:minute].mean(axis=0) - parts[k][-minute:].mean(axis=0)
+        before, after = parts[k][-minute:], parts[k + 1][:minute]
+        change = mean_over(after, minute)[0] - mean_over(before, minute)[0]
         if (np.abs(change) > 2 * most).any():
             chosen.append(cell)
     return chosen
