@@ -71,8 +71,10 @@ def write(form, folder, seed=0):
         # A long log goes on in another sheet.
         head, *rows = (line.split(',') for line in lines)
         for sheet, part in ((book.active, rows[:900]), (book.create_sheet('2'), rows[900:])):
-            for cells in (head, *part):
-                sheet.append(cells if cells is head else [cells[0], *map(float, cells[1:])])
+            sheet.append(head)
+            sheet.append(['', 'N', 'N', 'N', '°C'])
+            for cells in part:
+                sheet.append([cells[0], *map(float, cells[1:])])
         book.save(path)
     else:
         path.write_bytes(('\n'.join(lines) + '\n').encode(form.get('encoding', 'utf-8')))

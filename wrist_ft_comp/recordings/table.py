@@ -393,10 +393,11 @@ def _by_library(path: Path, library: str) -> Iterator[str]:
 
 
 def _goes_on(sheet: Any, following: Any) -> bool:
-    """Whether the first row below the header of another sheet is later than the last of one."""
-    with suppress(TypeError, IndexError):
-        return bool(following.iloc[1, 0] > sheet.iloc[-1, 0])
-    return False
+    """Whether the first row of numbers of another sheet is later than the last of one."""
+    last = sheet.iloc[-1, 0]
+    kind = (int, float) if isinstance(last, int) else type(last)
+    later = (value > last for value in following.iloc[1:, 0] if isinstance(value, kind))
+    return bool(next(later, False))
 
 
 def samples_of(rows: Rows) -> Iterator[Samples]:
