@@ -143,7 +143,7 @@ class SpikeFilter:
             self._believed, self._other = _Run(believed.begin_ns, sample, believed.count + 1), None
             before, earlier = believed.last, self._earlier
             by_k = self._jumped_k(before, sample)  # believed, but no wrist does so
-            is_due = stamp_ns - earlier[0] >= _AVERAGED_S * NANOSECONDS
+            is_due = abs(stamp_ns - earlier[0]) >= _AVERAGED_S * NANOSECONDS
             if is_due and not by_k:
                 before, by_k = earlier, self._jumped_k(earlier, sample)
             if is_due or by_k:
