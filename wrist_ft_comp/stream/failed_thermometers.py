@@ -205,9 +205,9 @@ def too_still_s(readings_c: FloatArray, period_s: float, usual_s: float | None =
     hour before, or, soon after a start, in the calibration (``usual_s``, where that is known).
     Metal does not stop at once.
     """
-    *before, still_s = stands_s(readings_c, period_s).tolist()
-    ended_s = np.cumsum(before)
-    if before and ended_s[-1] >= _LEAST_KNOWN_S:
-        usual_s = max(np.array(before)[ended_s > ended_s[-1] - _KNOWN_S].tolist())
+    stands = stands_s(readings_c, period_s)
+    before_s, still_s, ended_s = stands[:-1], float(stands[-1]), np.cumsum(stands[:-1])
+    if len(before_s) and ended_s[-1] >= _LEAST_KNOWN_S:
+        usual_s = float(before_s[ended_s > ended_s[-1] - _KNOWN_S].max())
     is_likely = usual_s is None or still_s <= max(_STILL_ALONE_S, _STILL_TIMES * usual_s)
     return 0.0 if is_likely else still_s
