@@ -15,8 +15,7 @@ from wrist_ft_comp.recordings.read import read_recording
 by_either_backend = pytest.mark.usefixtures('backend')
 T0 = 1_723_248_197_000_000_000
 TF, IMU = 'tf2_msgs/msg/TFMessage', 'sensor_msgs/msg/Imu'
-BASE = Rotation.from_euler('xyz', [0.2, -0.1, 1.0])
-MOUNT = Rotation.from_euler('xyz', [3.0, 0.05, 0.4])
+BASE, MOUNT = Rotation.from_euler('xyz', [[0.2, -0.1, 1.0], [3.0, 0.05, 0.4]])
 BY_TF = Topics(gravity_frame='world')
 #: When the robot comes to rest, and how many seconds it is recorded.
 REST, END = 6, 14
@@ -27,11 +26,12 @@ def stamps(seconds):
 
 
 def shoulder(seconds):
-    return Rotation.from_euler('z', np.sin(0.7 * np.minimum(seconds, REST)))
+    turned = np.sin(0.7 * np.minimum(seconds, REST))
+    return Rotation.from_rotvec(np.multiply.outer(turned, [0, 0, 1]))
 
 
 def elbow(seconds):
-    return Rotation.from_euler('x', 0.3 + np.minimum(seconds, REST))  # 1 rad/s
+    return Rotation.from_rotvec(np.multiply.outer(0.3 + np.minimum(seconds, REST), [1, 0, 0]))
 
 
 def true_force(seconds):

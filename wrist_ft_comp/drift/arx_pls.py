@@ -219,7 +219,7 @@ class ArxPls:
         powers = [power]
         while 1 << len(powers) <= len(x):
             powers.append(powers[-1] @ powers[-1])
-        left = np.zeros((rows, lags, 1 << len(powers)))
+        left: FloatArray = np.zeros((rows, lags, 1 << len(powers)))
         left[..., -1 - len(x)] = state
         left[..., left.shape[2] - len(x) :] = one_input * self._scores(x).T[:, np.newaxis]
         for k in reversed(range(len(powers))):

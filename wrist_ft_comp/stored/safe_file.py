@@ -416,7 +416,7 @@ def from_plain(kind: Any, value: Any, where: str = '', *, whole: bool = False) -
     if origin in {dict, Mapping}:
         require(isinstance(value, dict), 'named values')
         return {key: inner(arguments[1], item, f'{where}/{key}') for key, item in value.items()}
-    if origin is np.ndarray:
+    if origin in {np.ndarray, np.typing.NDArray}:  # since numpy 2.5 an alias is its own origin
         require(isinstance(value, list), 'a list of numbers')
         numbers = np.array(value, dtype=object).ravel()
         largest = sys.float_info.max
