@@ -283,6 +283,8 @@ def test_one_that_is_replaced_stays_so_under_another_model_and_over_a_restart(le
         (0, 5, None, 4000, False), (0, 5, 30.0, 590, False), (0, 5, 30.0, 650, True),
         (4000, 5, None, 590, False), (4000, 5, None, 650, True),
         (4000, 100, None, 950, False), (4000, 100, None, 1100, True),
+        (4000, 100, 3000.0, 5900, False), (4000, 100, 3000.0, 6100, True),
+        (4000, 50, 3000.0, 650, True),
     ],
 )  # fmt: skip
 def test_a_single_one_is_doubted_when_it_stands_still_longer_than_ever_or_in_its_calibration(

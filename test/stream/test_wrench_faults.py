@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.wrench_faults import LOOKS, SensorWatch
 
 RAW = [1.0, 2.0, 3.0, 0.1, 0.2, 0.0]
@@ -48,6 +50,19 @@ def test_three_forces_that_hang_at_once_are_stuck_unless_their_steps_are_coarse(
     readings[LOOKS:, :3] = np.round(np.array(RAW[:3]) / step) * step
     look(watch, readings)
     assert watch.stuck == (('force_x', 'force_y', 'force_z') if found else ())
+
+
+@pytest.mark.parametrize('hanging', [slice(0, 3), slice(3, 6)], ids=['forces', 'torques'])
+def test_what_hangs_since_the_start_is_stuck_once_a_load_moves_the_others(hanging):
+    """Until then they may be coarse: nothing moved them. 20 N left a wrong force with all OK."""
+    watch, noise = SensorWatch(), np.random.default_rng(0).normal(0, 1, (4 * LOOKS, 6))
+    readings = RAW + noise * axis_limits(0.3)
+    readings[2 * LOOKS :] += [0, 20, 0, 2, 0, 0]
+    readings[:, hanging] = np.array(RAW)[hanging] + 1
+    look(watch, readings[: 2 * LOOKS])
+    assert watch.stuck == ()
+    look(watch, readings[2 * LOOKS :])
+    assert watch.stuck == AXES[hanging]
 
 
 @pytest.mark.parametrize(

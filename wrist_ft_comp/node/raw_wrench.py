@@ -147,9 +147,14 @@ class WrenchInput(Part):
         self._looked_at, self._stamp_ns = number, stamp_ns
         self._same_stamps = 0 if passed_s else self._same_stamps + 1
         self._is_unstamped = locate(data, WRENCH_DOUBLES).decode(data)[0] == 0
-        before = self._counts.before
+        before, known = self._counts.before, [*self._frames.names]
         self._frames.look(b'' if before is None else before[2], data)
         self._frame = self._frame or self._frames.names[-1]
+        if known and (frame := self._frames.names[-1]) not in known:
+            compensator.doubt_zero(
+                f'frame_id changed from {known[-1] or "none"} to {frame or "none"} since the tare; '
+                'call ~/tare with the model of this one'
+            )
         self.sensor.look(np.nan_to_num(raw).tolist())
         # The tare of an axis that was not there is 0.
         is_there = np.abs(np.nan_to_num(raw)) > axis_limits(_THERE_N)

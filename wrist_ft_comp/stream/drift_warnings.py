@@ -68,8 +68,8 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
         for j in range(len(silent)):
             if not silent[j] and (still_s := too_still_s(j)):
                 sentences.append(
-                    f'thermometer {j + 1} has read the same for {still_s / 60:.0f} min, ten times '
-                    'as long as before; is it frozen? The drift follows it'
+                    f'thermometer {j + 1} has read the same for {still_s / 60:.0f} min, far '
+                    'longer than before; is it frozen? The drift follows it'
                 )
         return sentences
     one = np.eye(len(silent))

@@ -25,7 +25,7 @@ STILL_S = 180.0
 #: One that nobody predicts is doubted after this time, s, at the same value, where that is this
 #: many times its longest stand before. 270 healthy simulated days and 80 h of a real probe had no
 #: false alarm; of 270 freezes 262 were found.
-_STILL_ALONE_S, _STILL_TIMES = 600.0, 10.0
+_STILL_ALONE_S, _STILL_TIMES, _CALIBRATED_TIMES = 600.0, 10.0, 2.0
 #: "Before" is this time, s; where less than the second one is known, what the calibration showed.
 _KNOWN_S, _LEAST_KNOWN_S = 3600.0, 1800.0
 #: A thermometer that was replaced has to agree for this time before it is believed, s.
@@ -197,17 +197,24 @@ def stands_s(readings_c: FloatArray, period_s: float) -> FloatArray:
     return np.diff(begins, prepend=0, append=len(readings_c)) * period_s
 
 
-def too_still_s(readings_c: FloatArray, period_s: float, usual_s: float | None = None) -> float:
+def too_still_s(
+    readings_c: FloatArray, period_s: float, calibrated_s: float | None = None
+) -> float:
     """
     For how long a thermometer has read the same, s, where that is not likely; else 0.
 
     Takes what it read in the last cells, °C, (n,). It was never still for a tenth of that in the
-    hour before, or, soon after a start, in the calibration (``usual_s``, where that is known).
-    Metal does not stop at once.
+    hour before, or, soon after a start, in the calibration (``calibrated_s``, where that is
+    known): metal does not stop at once. Where a warm-up ends, readings in coarse steps do: then it
+    was never still for half of that in the calibration, either.
     """
-    stands = stands_s(readings_c, period_s)
+    stands, usual_s = stands_s(readings_c, period_s), calibrated_s
     before_s, still_s, ended_s = stands[:-1], float(stands[-1]), np.cumsum(stands[:-1])
     if len(before_s) and ended_s[-1] >= _LEAST_KNOWN_S:
         usual_s = float(before_s[ended_s > ended_s[-1] - _KNOWN_S].max())
-    is_likely = usual_s is None or still_s <= max(_STILL_ALONE_S, _STILL_TIMES * usual_s)
-    return 0.0 if is_likely else still_s
+    if usual_s is None:
+        return 0.0
+    longest_s = max(_STILL_ALONE_S, _STILL_TIMES * usual_s)
+    if longest_s > _STILL_ALONE_S:
+        longest_s = max(longest_s, _CALIBRATED_TIMES * (calibrated_s or 0.0))
+    return still_s if still_s > longest_s else 0.0

@@ -32,6 +32,8 @@ LIVELY_SHARE = 0.8
 #: What a free sensor reads is known to this many standard deviations of the model, but not better
 #: than the second, N, and to the third on axes without a model.
 _CERTAIN, _RESOLVED_N, _UNKNOWN_N = 3.0, 0.2, 0.5
+#: A load beyond this, N, or its torque, moves both forces and torques, however coarse they are.
+_LOADED_N = 10.0
 #: A load at rest scatters by less than this, N.
 _REST_N = 0.5
 
@@ -102,8 +104,11 @@ class SensorWatch:
         # Forces have one resolution, and torques another one; three of one board may hang at once.
         is_fine = self._longest <= _FINE_LOOKS
         others_live = ((self._lively > LIVELY_SHARE) & ~held).reshape(2, 3).any(axis=1).repeat(3)
-        has_moved = self._least < self._most
-        is_odd = (has_moved & (extreme | others_live | is_fine)) | (others_live & (self._raw != 0))
+        has_moved, span = self._least < self._most, self._most - self._least
+        # What hangs since the start shows when a load comes, which moves forces and torques.
+        loaded = (span > axis_limits(_LOADED_N)).reshape(2, 3).any(axis=1)[::-1].repeat(3)
+        is_odd = has_moved & (extreme | others_live | is_fine)
+        is_odd |= (others_live | (loaded & ~has_moved)) & (self._raw != 0)
         returned = self._returned & (self._repeating < _FINE_SHARE)
         repeats = held | (is_fine & extreme & (returned | (self._same > _FINE_LOOKS)))
         stuck = repeats & is_odd & ~held.all()
