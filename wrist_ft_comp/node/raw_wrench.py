@@ -152,8 +152,8 @@ class WrenchInput(Part):
         self._frame = self._frame or self._frames.names[-1]
         if known and (frame := self._frames.names[-1]) not in known:
             compensator.doubt_zero(
-                f'frame_id changed from {known[-1] or "none"} to {frame or "none"} since the tare; '
-                'call ~/tare with the model of this one'
+                f'frame_id changed from {known[-1] or "none"} to {frame or "none"} since the '
+                'tare; call ~/tare with the model of this one'
             )
         self.sensor.look(np.nan_to_num(raw).tolist())
         # The tare of an axis that was not there is 0.

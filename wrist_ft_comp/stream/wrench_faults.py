@@ -33,7 +33,7 @@ LIVELY_SHARE = 0.8
 #: than the second, N, and to the third on axes without a model.
 _CERTAIN, _RESOLVED_N, _UNKNOWN_N = 3.0, 0.2, 0.5
 #: A load beyond this, N, or its torque, moves both forces and torques, however coarse they are.
-_LOADED_N = 10.0
+_LOADED_N = 3.0
 #: A load at rest scatters by less than this, N.
 _REST_N = 0.5
 
