@@ -164,7 +164,7 @@ class WrenchInput(Part):
         if not compensator.lasting_doubts and self.sensor.zeroed(free, self._deviation):
             compensator.doubt_zero(
                 'the raw wrench jumped to zero on all axes at once: a program or the driver may '
-                'have zeroed the sensor; call ~/tare'
+                'have zeroed the sensor, or a load was let go that had been tared; call ~/tare'
             )
 
     def note_drivers(self) -> Sequence[Any]:
