@@ -146,7 +146,7 @@ def test_where_the_load_is_recorded_a_tare_of_the_driver_is_found_beside_it(day)
     assert evaluate(calibration.model, [day(3)])['force_z'].rms_after < 2 * NOISE
 
 
-@pytest.mark.parametrize('what', ['read again', 'thinner', 'tared'])
+@pytest.mark.parametrize('what', ['read again', 'thinner', 'tared', 'rounded'])
 def test_other_samples_of_one_day_are_no_other_day(day, what):
     other = replace(day(1), name='export.csv')
     noise = np.array([NOISE] * 3 + [1e-3] * 3)
@@ -155,6 +155,8 @@ def test_other_samples_of_one_day_are_no_other_day(day, what):
         other.wrench[np.arange(CELLS) % 10 > 0] = np.nan
     if what == 'tared':
         other.wrench[:] -= 5.0
+    if what == 'rounded':
+        other.temperature_c[:] = other.temperature_c.round()
     with pytest.raises(CalibrationRefusedError, match='the same day, or a part of it'):
         calibrate([day(1), other])
 

@@ -153,6 +153,13 @@ def test_a_day_on_which_a_thermometer_lies_is_not_learnt_from(look, good, monkey
     assert (entry.kind, 'thermometer 2 reads' in entry.incident) == ('thermometer', True)
 
 
+def test_a_day_on_which_the_live_model_breaks_its_limit_is_said_and_learnt_from(look, good):
+    for limit_n, is_said in ((1e-3, True), (1.0, False)):
+        champion = Champion('a' * 12, replace(good, day_limits={'force_z': limit_n}))
+        entry = describe_day(NAMES[3], look, past(look, champion, 1, 2), champion)
+        assert (entry.kind, 'left more of force_z' in entry.incident) == ('', is_said)
+
+
 def test_the_drift_left_is_that_of_evaluate(separated, good):
     day = separated(3)
     figures = judge_errors([tared_errors(good, day.recording, 'payload')])

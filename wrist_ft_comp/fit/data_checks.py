@@ -112,7 +112,10 @@ def _are_equal(one: Recording, other: Recording, shift: int) -> bool:
     for column, (ours, theirs) in enumerate(zip(*(values.T for values in read), strict=True)):
         # A motion that a load makes passes for noise, and repeats itself; temperatures never do.
         least = _EQUAL_K if column < one.thermometers else 0.0
-        if near := max(noise_level((ours, theirs)), least):
+        # An export may be rounded, which moves means by half of a step.
+        moves = [np.abs(np.diff(values[np.isfinite(values)])) for values in (ours, theirs)]
+        steps = [float(np.median(moved[moved > 0])) for moved in moves if moved.any()]
+        if near := max(noise_level((ours, theirs)), least, *(step / 2 for step in steps)):
             both = np.isfinite(ours - theirs).sum()
             apart = mean_over(ours - theirs, cells)
             apart = apart[np.isfinite(apart)]

@@ -93,7 +93,8 @@ def predict_each_other(
     near_k = _NEAR_K if len(recordings) > 2 else 12 * _NEAR_K
     return ThermometerPrediction(
         np.array(LONG_BANK_S), gains, constant_c,
-        still_k=np.maximum(np.maximum(_NEAR_K, UNUSUAL * moved_k), changed_k),
+        # What is predicted badly says little of small moves, either.
+        still_k=np.maximum(_NEAR_K, np.max([UNUSUAL * moved_k, changed_k, largest_k / 2], axis=0)),
         silence_s=np.maximum(LONG_SILENCE_S, UNUSUAL * silent_s),
         agree_k=np.maximum(near_k, UNUSUAL * largest_k))  # fmt: skip
 

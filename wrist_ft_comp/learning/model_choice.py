@@ -93,6 +93,15 @@ def describe_day(name: str, look: Look, before: Sequence[DayEntry], live: Champi
                 distrusted = list(thermometer_doubts(live.model, day.drift))
                 entry = replace(entry, left={**entry.left, live.key: left(simulated, day)})
         kind, sentence = incident(day, entry, before, drift)
+        stated = {} if live.model is None else live.model.day_limits
+        left_n = zip(AXES, entry.left.get(live.key, ()), strict=False)
+        broken = [axis for axis, rms in left_n if rms > stated.get(axis, np.inf)]
+        if broken and not kind:
+            sentence = (
+                f'The live model left more of {", ".join(broken)} in the mean than it states at '
+                'most. Is each thermometer in its place, is it the same sensor, does a cable pull? '
+                'Or was it warmer or colder than in its recordings?'
+            )
         if distrusted and not kind:
             kind, sentence = 'thermometer', f'On this day {"; ".join(distrusted)}.'
     except _UNREADABLE as error:
