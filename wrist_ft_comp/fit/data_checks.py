@@ -269,19 +269,17 @@ def _long_stand(recording: Recording, j: int) -> tuple[int, int, float]:
     return int(at[begin]), int(at[end - 1]) + 1, float(moved_k * is_odd)
 
 
-def frozen_at_the_end(recordings: Sequence[Recording]) -> list[str]:
+def frozen_at_the_end(recordings: Sequence[Recording]) -> Iterator[str]:
     """Doubt thermometers that keep a value to the end, while the others say that they moved."""
-    sentences = []
     for recording in recordings:
         for j in range(recording.thermometers):
             begin, end, moved_k = _long_stand(recording, j)
             if moved_k and not recording.measured[end:, j].any():
-                sentences.append(
+                yield (
                     f'Thermometer {j + 1} of {recording.name} keeps one value from '
                     f'{time_in(recording, begin)} to the end, while it moved by {moved_k:.1f} K '
                     'by what the others read: is it frozen? Then leave that time out (--until).'
                 )
-    return sentences
 
 
 def _unknown(recording: Recording, j: int, absent: BoolArray) -> tuple[list[tuple[int, int]], str]:
@@ -350,9 +348,8 @@ def pauses(recordings: Sequence[Recording]) -> Iterator[str]:
             )
 
 
-def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
+def jumping_thermometers(recordings: Sequence[Recording]) -> Iterator[str]:
     """Name thermometers that step faster than metal can, as the running node does."""
-    sentences = list[str]()
     for recording in recordings if find_plateaus(recordings) is None else ():
         for j in range(recording.thermometers):
             at = np.flatnonzero(recording.measured[:, j])
@@ -360,22 +357,19 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
             jumped = np.flatnonzero(jumps(steps_k, np.diff(at) * recording.period_s))
             if len(jumped):
                 when = time_in(recording, at[jumped[0] + 1])
-                sentences.append(
+                yield (
                     f'Thermometer {j + 1} of {recording.name} jumps faster than metal can: by '
                     f'{steps_k[jumped[0]]:.1f} K at {when}, first of {len(jumped)}. Is it loose?'
                 )
-    return sentences
 
 
-def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:
+def idle_thermometers(recordings: Sequence[Recording]) -> Iterator[str]:
     """Name thermometers that stand still throughout a recording."""
-    sentences = list[str]()
     for j in range(recordings[0].thermometers):
         columns = {recording.name: recording.temperature_c[:, j] for recording in recordings}
         still = [name for name, read_c in columns.items() if not differ(read_c, read_c[0]).any()]
         if still:
-            sentences.append(
+            yield (
                 f'Thermometer {j + 1} reads {columns[still[0]][0]:.1f} °C all the time in '
                 f'{", ".join(still)}. Check its topic.'
             )
-    return sentences

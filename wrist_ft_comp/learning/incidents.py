@@ -163,8 +163,8 @@ def incident(
 def _thermometer_trouble(recording: Recording) -> str:
     """Say which thermometer stands still, is silent, or jumps; empty where none does."""
     moved = np.ptp(recording.temperature_c, axis=0).max() > LEAST_RANGE_K
-    if moved and (idle := data_checks.idle_thermometers([recording])):
-        return idle[0]
+    if moved and (idle := next(data_checks.idle_thermometers([recording]), '')):
+        return idle
     try:
         _, sentences = data_checks.drop_unknown_temperatures([recording])
     except CalibrationRefusedError as error:

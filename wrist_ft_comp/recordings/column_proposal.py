@@ -138,13 +138,6 @@ class Proposal(NamedTuple):
         return sentence
 
 
-def suffix_of(low: float, high: float) -> str:
-    """Tell what makes readings from low to high a wrist's temperatures: :K, *0.1 or nothing."""
-    if _KELVINS[0] < low <= high < min(low + _MOST_SPAN_K, _KELVINS[1]):
-        return ':K'
-    return '*0.1' if _TENTHS[0] <= low <= high <= _TENTHS[1] else ''
-
-
 def warn_of_unused(placed: Placed) -> Iterator[str]:
     """Warn, in one sentence, of columns that are not used, and say what their names mean."""
     unused = [placed.header.names[place] for place in placed.unused]
@@ -275,7 +268,11 @@ class _Looks:
         behind = f':{unit}' if unit else ''
         is_counts = 'raw' in self.words or units.RAW_UNIT.search(self.name.lower()) is not None
         if not unit and not is_counts and len(self.numbers):
-            behind = suffix_of(*np.quantile(self.numbers, (0.05, 0.95)).tolist())
+            low, high = np.quantile(self.numbers, (0.05, 0.95)).tolist()
+            if _KELVINS[0] < low <= high < min(low + _MOST_SPAN_K, _KELVINS[1]):
+                behind = ':K'
+            elif _TENTHS[0] <= low <= high <= _TENTHS[1]:
+                behind = '*0.1'
         celsius = to_celsius(self.numbers, behind[1:] if behind[:1] == ':' else 'C')
         is_strange = sum(map(is_plausible, celsius.tolist())) <= 0.9 * len(celsius)
         return None if len(celsius) and behind != '*0.1' and is_strange else behind

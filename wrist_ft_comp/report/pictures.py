@@ -58,17 +58,14 @@ def temperatures_over_time(recordings: Sequence[Recording]) -> Figure:
     pairs = zip(starts_h(recordings), recordings, strict=True)
     hours = np.concatenate([start + recording.elapsed_s / 3600 for start, recording in pairs])
     part = np.repeat(np.arange(len(recordings)), list(map(len, recordings)))
-    _thermometers(panel, hours, np.concatenate([one.temperature_c for one in recordings]), part)
+    columns_c = np.concatenate([recording.temperature_c for recording in recordings]).T
+    styles = cycle(zip(THERMOMETERS, ('-', '--', '-.', ':'), strict=True))
+    for j, (column_c, (colour, style)) in enumerate(zip(columns_c, styles, strict=False), start=1):
+        # Of many, only the first one has the word.
+        label = f'{j}' if len(columns_c) > 2 and j > 1 else f'thermometer {j}'
+        _line(panel, hours, column_c, part, color=colour, ls=style, lw=1.4, label=label)
     panel.legend(loc='lower right', bbox_to_anchor=(1, 1), ncols=4, frameon=False)
     return figure
-
-
-def _thermometers(panel: Axes, hours: FloatArray, values: FloatArray, part: IntArray) -> None:
-    """Draw thermometers, (N, J), over time; the first one has the word."""
-    styles = cycle(zip(THERMOMETERS, ('-', '--', '-.', ':'), strict=True))
-    for j, (column, (colour, style)) in enumerate(zip(values.T, styles, strict=False), start=1):
-        label = f'{j}' if values.shape[1] > 2 and j > 1 else f'thermometer {j}'
-        _line(panel, hours, column, part, color=colour, ls=style, lw=1.4, label=label)
 
 
 def svg_text(figure: Figure, name: str, words: str, series: ErrorSeries | None = None) -> str:
