@@ -1,34 +1,13 @@
-"""Recordings, what is read off a channel, ranges of settings, and robust weights."""
+"""What is read off a channel, ranges of settings, topics, and robust weights."""
 
-from dataclasses import replace
 import math
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.channels import axis_unit
-from wrist_ft_comp.errors import check_range, RecordingError, SettingsError
-from wrist_ft_comp.recording import Recording, Topics
+from wrist_ft_comp.errors import check_range, SettingsError
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.series import noise_level, robust_cost, robust_weight, stretches
-
-
-@pytest.mark.parametrize(
-    ('change', 'sentence'),
-    [
-        ({'period_ns': 0}, 'longer than 0 ns; got 0'),
-        ({'temperature_c': np.zeros((0, 1))}, 'run holds no temperature'),
-        ({'temperature_c': np.zeros((3, 0))}, 'run holds no temperature'),
-        ({'temperature_c': np.full((3, 1), np.nan)}, 'between -100 .* got nan'),
-    ],
-)
-def test_a_recording_refuses_what_does_not_fit(change, sentence):
-    ones = np.ones((3, 1), dtype=bool)
-    right = Recording('run', 10**9, 0, np.zeros((3, 1)), ones, np.zeros((3, 6)), np.zeros((3, 6)))
-    assert (right.period_s, right.duration_s) == (1, 3)
-    np.testing.assert_array_equal(right.elapsed_s, [0.5, 1.5, 2.5])
-    assert [axis_unit(axis) for axis in ('force_x', 'torque_z')] == ['N', 'N m']
-    with pytest.raises(RecordingError, match=sentence):
-        replace(right, **change)
 
 
 def test_noise_is_separated_from_slow_motion_and_steps():

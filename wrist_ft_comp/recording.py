@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, PLAUSIBLE_C, SensorNames
-from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.channels import AXES, SensorNames
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.series import BoolArray, CLOCK_NS, FloatArray, IntArray, NANOSECONDS
 
 #: Thermal cells that a person may choose, s: longer ones would average a warm-up away.
@@ -121,18 +121,6 @@ class Recording:
     sensor: SensorNames = field(default_factory=dict)
     #: First stamp of the file, from which times count; None where that is the first cell's.
     origin_ns: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.period_ns <= 0:
-            raise RecordingError(f'A thermal cell lasts longer than 0 ns; got {self.period_ns}.')
-        if self.temperature_c.ndim != 2 or 0 in self.temperature_c.shape:
-            raise RecordingError(f'{self.name} holds no temperature_c in any cell.')
-        low, high = PLAUSIBLE_C
-        if not ((self.temperature_c > low) & (self.temperature_c < high)).all():
-            raise RecordingError(
-                f'Temperatures of {self.name} must lie between {low:g} and {high:g} °C in every '
-                f'cell; got {self.temperature_c.min():.4g} to {self.temperature_c.max():.4g}.'
-            )
 
     def __len__(self) -> int:
         return len(self.temperature_c)
