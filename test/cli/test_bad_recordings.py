@@ -150,9 +150,10 @@ WARNED = {
     'an axis frozen for minutes': (
         frozen(400, 599), r'force_z of .* freezes at 1\S+ N: (200|199) s .* left out of', ALL),
     'an axis at its end for a minute': (
-        put('force_z', lambda v: np.minimum(v, 16.0)), 'force_z is left out of that', ALL),
+        put('force_z', lambda v: np.minimum(v, 16.0)),
+        r'force_z of .* saturates at 16 N: .* without any change, .*; force_z is left out', ALL),
     'an axis frozen for seconds': (
-        frozen(200, 229), r'force_z of .* freezes at \S+ N: 30 s', ALL),
+        frozen(200, 229), r'force_z of .* freezes at \S+ N: 30 s .*; left out\.', ALL),
     'a thermometer that stands still': (
         put('temperature_2_c', 24.0), 'Thermometer 2 reads 24.0 °C all the time', ALL),
     'a thermometer that never reports': (

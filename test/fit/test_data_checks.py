@@ -30,15 +30,6 @@ def record(make_recording, warm_up):
     return make
 
 
-@pytest.mark.parametrize(('value', 'verb'), [(9.0, 'saturates'), (0.5, 'freezes')])
-def test_a_stuck_stretch_is_left_out_and_named(record, value, verb):
-    recording = record(slice(200, 240), value)
-    (sound,), (sentence,) = drop_stuck_cells([recording])
-    assert sentence.startswith(f'force_x of a.csv {verb} at {value:g} N: 400 s (4.0 %) without')
-    assert np.flatnonzero(np.isnan(sound.wrench[:, 0])).tolist() == list(range(200, 240))
-    assert np.isfinite(recording.wrench[:, 0]).all()
-
-
 def test_a_short_stretch_and_a_coarse_channel_are_not_stuck(record):
     coarse = np.round(np.linspace(0, 5, CELLS))
     recording = record(slice(200, 209), 9.0, force_y=coarse)
