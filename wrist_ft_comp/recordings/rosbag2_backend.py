@@ -49,7 +49,6 @@ def _reader(chosen: Path, compression: str, stack: ExitStack) -> Any:
 def _read(
     chosen: Path, compression: str, topics: dict[str, Connection], wanted: Sequence[Connection]
 ) -> Iterator[Message]:
-    """Read the messages of some topics, from the beginning."""
     with ExitStack() as stack:
         reader = _reader(chosen, compression, stack)
         reader.set_filter(rosbag2_py.StorageFilter(topics=[topic.topic for topic in wanted]))

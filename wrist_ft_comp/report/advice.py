@@ -151,7 +151,6 @@ def advise(case: Case) -> tuple[str, ...]:
 
 
 def _missing_thermometer(case: Case, poor: Sequence[str]) -> str:
-    """Ask for another thermometer."""
     count, axes = len(case.coverage.range_c), _enumerate(poor)
     who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
     what = 'any axis' if len(poor) == len(case.levels) > 1 else axes

@@ -264,7 +264,6 @@ def starts_h(recordings: Sequence[Recording]) -> FloatArray:
 
 
 def _series(recordings: Sequence[Recording], held_out: HeldOut) -> ErrorSeries:
-    """Lay errors out over time."""
     number, since_s = held_out.recording, (held_out.cell + 0.5) * recordings[0].period_s
     origins_s = np.array([elapsed_s(recording, 0) for recording in recordings])
     return ErrorSeries(
