@@ -169,13 +169,6 @@ def test_a_day_that_the_node_did_not_write_stays(content, tmp_path):
     assert (tmp_path / 'days/day_00008.csv').exists()
 
 
-def test_a_path_that_is_no_file_has_no_beginning(target):
-    target.write_bytes(b'old \xff' + b'x' * 10_000)
-    assert safe_file.beginning(target).startswith('old \ufffd')
-    for path in (target.parent, target / 'below', target.with_name('x' * 300)):
-        assert safe_file.beginning(path) == ''
-
-
 class Pair(NamedTuple):
     number: int
     text: str = ''
