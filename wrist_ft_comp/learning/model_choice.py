@@ -99,8 +99,8 @@ def describe_day(name: str, look: Look, before: Sequence[DayEntry], live: Champi
         if broken and not kind:
             sentence = (
                 f'The live model left more of {", ".join(broken)} in the mean than it states at '
-                'most. Is each thermometer in its place, is it the same sensor, does a cable pull? '
-                'Or was it warmer or colder than in its recordings?'
+                'most. Is each thermometer in its place, is it the same sensor, does a cable '
+                'pull? Or was it warmer or colder than in its recordings?'
             )
         if distrusted and not kind:
             kind, sentence = 'thermometer', f'On this day {"; ".join(distrusted)}.'

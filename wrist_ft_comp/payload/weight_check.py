@@ -47,7 +47,7 @@ _FORCES, _DIRECTIONS, _IN_A_ROW, _ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
 #: A force that moves by less than this share of the weight is that of an empty sensor.
 _MOUNTED_SHARE = 0.2
 #: Motion is what the weight changes by in this time, s, if it is more than this, N.
-LAG_STEP_S, _LEAST_MOTION_N = 0.1, 0.3
+LAG_STEP_S, _LEAST_MOTION_N = 0.1, 0.1
 #: A lag is said when this many looks in motion show it, this share of them as late, or as early,
 #: and when it makes this share of the weight wrong.
 _MOTIONS, _SAME_SIGN, _WRONG_SHARE = 16, 0.9, 0.05
