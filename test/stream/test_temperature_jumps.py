@@ -78,6 +78,15 @@ def test_a_jump_that_comes_back_by_itself_is_told_for_as_long(by_k, tau_s):
     assert spikes.jump.off_k == 0.0
 
 
+@pytest.mark.parametrize(('by_k', 'off_k'), [(5.0, 5.0), (1.0, 0.0)])
+def test_a_loose_contact_of_a_minute_is_remembered_and_a_draught_is_not(by_k, off_k):
+    """The model remembers what it was told meanwhile: 0.2 N were wrong without a word."""
+    read_c = 25.0 + np.random.default_rng(1).normal(0, 0.02, 900)
+    read_c[300:345] += by_k
+    spikes = counted(read_c.tolist())[1]
+    assert (spikes.stayed_k, spikes.jump.off_k) == (0.0, pytest.approx(off_k, abs=0.1))
+
+
 @pytest.mark.parametrize(('by_k', 'warms_k_min'), [(-1.5, 0.3), (-1.5, 0.6), (1.0, -0.3)])
 def test_one_that_comes_loose_is_not_taken_as_back_because_the_robot_warms(by_k, warms_k_min):
     at = np.arange(3600)

@@ -28,7 +28,7 @@ _USUAL_STEPS = 3.0
 _FORGET = 0.97
 #: So is the change in this time, s: a driver may average, or report often.
 _AVERAGED_S = 10.0
-#: Within this time, s, a jump may come back by itself, as after a draught: that moves no drift.
+#: Within this time, s, a jump may come back by itself, as after a draught.
 #: What comes back no faster than a wrist warms is a loose thermometer in a warm-up.
 _COMES_BACK_S = 180.0
 #: Wrists warm and cool by no more than this, K/s, unless they were seen to.
@@ -193,7 +193,10 @@ class SpikeFilter:
         if lasted_s > min(_COMES_BACK_S, size_k / FASTEST_K_S):
             self._before = None
         elif abs(sample[1] - self._before[1]) < _LEAST_JUMP_K:
-            self.jump, self._before = Jump(), None
+            self.end_jump(sample[0])
+            # A draught moves no drift; of a loose contact the model remembers the time in between.
+            self.jump = Jump() if size_k <= JUMP_K else self.jump
+            self._before = None
 
     def note_jump(self, stamp_ns: int, by_k: float) -> None:
         """Take a jump to a temperature that is believed, unless a prediction is used instead."""
