@@ -115,10 +115,27 @@ class DriftTracker:
                         f'the first readings of thermometer {source + 1}, such as '
                         f'{spikes.strange_c:.1f} °C, were wrong; {_STARTS_ANEW}'
                     )
+            if spikes.went_back is not None:
+                self._doubt_loose(source, *spikes.went_back)
+                spikes.went_back = None
             for cell in self.grid.add(source, at_ns, value_c):
                 self._take(cell)
                 completed.append(cell)
         return completed
+
+    def _doubt_loose(self, source: int, off_k: float, lasted_s: float) -> None:
+        """Doubt the drift by what the model remembers of a thermometer that was loose."""
+        if self.model is not None and len(self.history_c):
+            read_c = self.history_c[-max(round(lasted_s * NANOSECONDS / self.grid.period_ns), 1) :]
+            true_c = read_c - off_k * np.eye(self._count)[source]
+            self._doubt(drift_uncertainty.doubt_read(self.model, read_c, true_c, true_c[-1]))
+
+    def _doubt(self, off: FloatArray) -> None:
+        """Take that the drift may be off by more, N and N m, (6,)."""
+        if off.any():
+            if self.uncertainty is not None:
+                off = off + self.uncertainty.left(self.end_ns, self.memory_s)
+            self.uncertainty = Uncertainty(self.end_ns, off)
 
     def effect(self, off_k: FloatArray) -> FloatArray:
         """How far temperatures that are off, K, (J,), move the drift in the end, N, N m, (6,)."""
@@ -192,11 +209,7 @@ class DriftTracker:
             )
             off = off + np.abs(bounds - self.drift.zero).max(axis=0)
         off = off + self._off_at_start(model, len(self.history_c) - len(line_c))
-        off = off + self._off_behind_gap(model, len(line_c))
-        if off.any():
-            if self.uncertainty is not None:
-                off = off + self.uncertainty.left(self.end_ns, self.memory_s)
-            self.uncertainty = Uncertainty(self.end_ns, off)
+        self._doubt(off + self._off_behind_gap(model, len(line_c)))
 
     def _believe(
         self, cell: ThermalCell, gap_s: float, usual_s: float, history_c: FloatArray
@@ -231,7 +244,8 @@ class DriftTracker:
             missed_k = np.where(is_back, cell.temperature_c - state.reading_c, 0.0)
             if missed_k.any() and len(history_c):
                 held_c = history_c[-round(float(silent_s.max()) / period_s) :]
-                off = off + drift_uncertainty.doubt_held(model, held_c, missed_k, believed_c)
+                line_c = held_c + np.linspace(0.0, missed_k, len(held_c))
+                off = off + drift_uncertainty.doubt_read(model, held_c, line_c, believed_c)
         exchanged_thermometers.end_exchange(
             self.spikes, prediction, self.thermometers, self.end_ns
         )

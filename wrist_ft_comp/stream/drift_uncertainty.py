@@ -65,22 +65,21 @@ def bound_drift(  # noqa: PLR0913, PLR0917 -- what a gap is between
     return np.stack([drift_model.step(model, end, after_c)[1].zero for end in ends])
 
 
-def doubt_held(
-    model: DriftModel, held_c: FloatArray, missed_k: FloatArray, after_c: FloatArray
+def doubt_read(
+    model: DriftModel, read_c: FloatArray, true_c: FloatArray, after_c: FloatArray
 ) -> FloatArray:
     """
-    Bound what is wrong of the zero drift after thermometers were held that moved, (6,), N and N m.
+    Bound what is wrong of the zero drift after false temperatures were read, (6,), N and N m.
 
-    Takes the temperatures of that time, °C, (n, J), how far each had moved at its end, K, (J,),
-    and the temperatures from then on, (J,).
+    Takes what was read, and what may have been true, °C, (n, J), and what is true from then on,
+    (J,).
     """
-    line_c = held_c + np.linspace(0.0, missed_k, len(held_c))
-    later_c = np.tile(after_c, (len(held_c), 1))
-    of_held, of_line = (
-        drift_model.run(model, drift_model.start(model, held_c[0]), np.vstack((path_c, later_c)))
-        for path_c in (held_c, line_c)
+    later_c = np.tile(after_c, (len(read_c), 1))
+    of_read, of_true = (
+        drift_model.run(model, drift_model.start(model, read_c[0]), np.vstack((path_c, later_c)))
+        for path_c in (read_c, true_c)
     )
-    return np.asarray(np.abs(of_line[1].zero - of_held[1].zero)[len(held_c) :].max(axis=0))
+    return np.asarray(np.abs(of_true[1].zero - of_read[1].zero)[len(read_c) :].max(axis=0))
 
 
 def span_cells(model: DriftModel) -> int:

@@ -84,6 +84,8 @@ class SpikeFilter:
         #: How often the first readings were the wrong ones.
         self.wrong_starts = 0
         self.jump = Jump()
+        #: How far it was off, K, until it went back by itself just now, and for how long, s.
+        self.went_back: tuple[float, float] | None = None
         #: How far it steps from reading to reading, where it does, K: noise, or its resolution.
         self._usual_k = JUMP_K / _USUAL_STEPS
         #: What was read before a jump from which it may come back by itself.
@@ -193,10 +195,8 @@ class SpikeFilter:
         if lasted_s > min(_COMES_BACK_S, size_k / FASTEST_K_S):
             self._before = None
         elif abs(sample[1] - self._before[1]) < _LEAST_JUMP_K:
-            self.end_jump(sample[0])
-            # A draught moves no drift; of a loose contact the model remembers the time in between.
-            self.jump = Jump() if size_k <= JUMP_K else self.jump
-            self._before = None
+            self.went_back = self.jump.by_k or self.jump.off_k, lasted_s
+            self.jump, self._before = Jump(), None
 
     def note_jump(self, stamp_ns: int, by_k: float) -> None:
         """Take a jump to a temperature that is believed, unless a prediction is used instead."""
