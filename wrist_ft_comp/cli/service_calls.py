@@ -85,10 +85,12 @@ class Operator:
         """Ask a node something harmless until it answers: it drops answers to who is unknown."""
         client = self.node.create_client(GetParameters, f'{name}/get_parameters')
         harmless = GetParameters.Request(names=['use_sim_time'])
-        deadline_s = time.monotonic() + DISCOVERY_S
+        asked, deadline_s = list[Any](), time.monotonic() + DISCOVERY_S
         while time.monotonic() < deadline_s:
-            ready = self.wait_for(client.service_is_ready, _AGAIN_S)
-            if ready and self.wait_for(client.call_async(harmless).done, _AGAIN_S):
+            if self.wait_for(client.service_is_ready, _AGAIN_S):
+                asked.append(client.call_async(harmless))
+            # A busy node may take longer than until the next time.
+            if self.wait_for(lambda: any(future.done() for future in asked), _AGAIN_S):
                 return
         raise NodeError(f'{name} gave no answer in {DISCOVERY_S:.0f} s; it hangs or has ended.')
 
