@@ -72,14 +72,13 @@ def doubt_read(
     Bound what is wrong of the zero drift after false temperatures were read, (6,), N and N m.
 
     Takes what was read, and what may have been true, °C, (n, J), and what is true from then on,
-    (J,).
+    (J,). It is the larger one of what is wrong now, and after as long again.
     """
-    later_c = np.tile(after_c, (len(read_c), 1))
-    of_read, of_true = (
-        drift_model.run(model, drift_model.start(model, read_c[0]), np.vstack((path_c, later_c)))
-        for path_c in (read_c, true_c)
-    )
-    return np.asarray(np.abs(of_true[1].zero - of_read[1].zero)[len(read_c) :].max(axis=0))
+    start, later_c = drift_model.start(model, read_c[0]), np.tile(after_c, (len(read_c), 1))
+    states = [drift_model.skip(model, start, path_c) for path_c in (read_c, true_c)]
+    now = [drift_model.step(model, state, after_c)[1].zero for state in states]
+    later = [drift_model.run_to_end(model, state, later_c)[1].zero for state in states]
+    return np.asarray(np.maximum(np.abs(now[1] - now[0]), np.abs(later[1] - later[0])))
 
 
 def span_cells(model: DriftModel) -> int:

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from moments import SECOND, START
 import pytest
+from rclpy.task import Future
 from rich.console import Console
 
 from wrist_ft_comp.cli import node as command
@@ -67,15 +68,37 @@ def test_a_node_of_another_name_is_found_by_its_namespace_and_lists_its_services
     assert 'adopt, calibrate, identify_payload, record, reset_tare, rollback, tare.' in refusal
 
 
-def test_one_of_several_nodes_has_to_be_named(bench, monkeypatch):
-    asking = operator.Operator(bench.context)
+@pytest.fixture
+def asking(bench):
+    operator_ = operator.Operator(bench.context)
+    yield operator_
+    operator_.executor.shutdown()
+    operator_.node.destroy_node()
+
+
+def test_one_of_several_nodes_has_to_be_named(asking, monkeypatch):
     names = [f'/{side}/wrist_ft_comp' for side in ('left', 'right')]
     monkeypatch.setattr(asking, 'running', lambda: names)
     with pytest.raises(NodeError, match='--name'):
         asking.find()
     assert asking.find('right') == names[1]
-    asking.executor.shutdown()
-    asking.node.destroy_node()
+
+
+def test_a_busy_node_whose_first_answer_comes_late_is_known(asking, monkeypatch):
+    asked = []
+
+    def call_async(_):
+        asked.append(Future())
+        if len(asked) == 3:
+            asked[0].set_result(None)
+        return asked[-1]
+
+    client = SimpleNamespace(service_is_ready=lambda: True, call_async=call_async)
+    monkeypatch.setattr(asking.node, 'create_client', lambda *_: client)
+    monkeypatch.setattr(operator, '_AGAIN_S', 0.01)
+    monkeypatch.setattr(operator, 'DISCOVERY_S', 2.0)
+    asking.introduce('/busy')
+    assert len(asked) == 3
 
 
 def test_the_status_is_one_page_of_text_or_json(wired, operate):
