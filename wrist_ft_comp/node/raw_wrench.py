@@ -120,7 +120,8 @@ class WrenchInput(Part):
         simulated = self.hub.get_parameter('use_sim_time').value
         # What a free sensor reads is known as long as the tare is not in doubt.
         free = compensator.compensation.zero + compensator.tare
-        is_zero = not np.nan_to_num(raw).any() and (np.abs(free) > axis_limits(_THERE_N)).any()
+        read = np.nan_to_num(raw)
+        is_zero = not read.any() and (np.abs(free) > axis_limits(_THERE_N)).any()
         is_sound = simulated or not is_zero
         self._unsound |= not is_sound
         unsound_s = now_s - self._sound_s if is_judged and is_sound and self._unsound else 0.0
@@ -155,9 +156,9 @@ class WrenchInput(Part):
                 f'frame_id changed from {known[-1] or "none"} to {frame or "none"} since the '
                 'tare; call ~/tare with the model of this one'
             )
-        self.sensor.look(np.nan_to_num(raw).tolist())
+        self.sensor.look(read.tolist())
         # The tare of an axis that was not there is 0.
-        is_there = np.abs(np.nan_to_num(raw)) > axis_limits(_THERE_N)
+        is_there = np.abs(read) > axis_limits(_THERE_N)
         if compensator.tared and (is_new := is_there & (compensator.tare == 0)).any():
             axes = ', '.join(AXES[i] for i in np.flatnonzero(is_new))
             compensator.doubt_zero(f'{axes} read nothing, or 0, at the tare; call ~/tare')
