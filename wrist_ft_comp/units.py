@@ -69,7 +69,7 @@ TEMPERATURE_UNITS = {'C': (1.0, 0.0), 'K': (1.0, -273.15), 'F': (5 / 9, -160 / 9
 #: Other units, in which a reading may be that is implausible in °C.
 _OTHER_TEMPERATURES = {'degrees Fahrenheit': 'F', 'kelvins': 'K'}
 #: What to do about a temperature that no sensor reads.
-UNIT_REMEDY = 'Check it and its unit: K and F are named behind it, such as :K.'
+UNIT_REMEDY = 'Check its unit: a column takes :K, :F or *0.1 behind it, a topic :temperature:K.'
 
 
 def units_of(channel: str) -> Mapping[str, float]:

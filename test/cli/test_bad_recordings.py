@@ -75,7 +75,7 @@ EVERY_TENTH = range(0, ROWS, 10)
 REFUSED = {
     'kelvin in °C': (
         put('temperature_c', plus(273.15)),
-        r'600 of 600 .* Check it and its unit: K and F are named behind it, such as :K\.$',
+        r'600 of 600 .* Check its unit: .* a topic :temperature:K\.$',
         ALL,
     ),
     'absolute zero in a tenth': (

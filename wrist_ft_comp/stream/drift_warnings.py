@@ -12,10 +12,11 @@ from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream import exchanged_thermometers, failed_thermometers
+from wrist_ft_comp.stream import exchanged_thermometers
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.drift_uncertainty import doubt_start
+from wrist_ft_comp.stream.failed_thermometers import CALIBRATED_TIMES, too_still_s
 from wrist_ft_comp.stream.gaps_and_restarts import longest_gap_s, OUTAGE_S
 
 #: Drift that may be off by fewer standard deviations of the model than this is not doubted.
@@ -54,19 +55,17 @@ def start_doubts(model: DriftModel, recording: Recording) -> list[str]:
 def frozen_doubts(tracker: DriftTracker) -> list[str]:
     """Say which thermometers may be frozen, and how far the drift is off then."""
     state, model, period_ns = tracker.thermometers, tracker.model, tracker.grid.period_ns
-    period_s = period_ns / NANOSECONDS
-    usual_s = model.stands_s if model is not None else ()
-
-    def too_still_s(j: int) -> float:
-        known_s = usual_s[j] if usual_s else None
-        return failed_thermometers.too_still_s(tracker.history_c[:, j], period_s, known_s)
-
     silent, sentences = tracker.grid.silent(tracker.end_ns // period_ns), list[str]()
+    usual_s = (model and model.stands_s) or [None] * len(silent)
+
+    def too_long_s(j: int) -> float:
+        return too_still_s(tracker.history_c[:, j], period_ns / NANOSECONDS, usual_s[j])
+
     # Where all stand still, none is left that could predict another one.
-    all_still = all(map(too_still_s, range(len(silent))))
+    all_still = all(map(too_long_s, range(len(silent))))
     if all_still or state is None or model is None or model.prediction is None:
         for j in range(len(silent)):
-            if not silent[j] and (still_s := too_still_s(j)):
+            if not silent[j] and (still_s := too_long_s(j)):
                 sentences.append(
                     f'thermometer {j + 1} has read the same for {still_s / 60:.0f} min, far '
                     'longer than before; is it frozen? The drift follows it'
@@ -80,9 +79,9 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
     far = state.suspicious(model.prediction, 0.5)
     for j in np.flatnonzero(state.suspicious(model.prediction, 0.2)).tolist():
         # Where the robot hardly warms, one that is frozen is found by its own stands before.
-        if not far[j] and not too_still_s(j):
-            continue
-        if worst := _off(model, tracker.effect(one[j] * state.moved_k)):
+        stands = state.still_s[j] > CALIBRATED_TIMES * (usual_s[j] or np.inf)
+        worst = _off(model, tracker.effect(one[j] * state.moved_k))
+        if worst and (far[j] or stands or too_long_s(j)):
             sentences.append(
                 f'thermometer {j + 1} has read the same for {state.still_s[j]:.0f} s while '
                 f'the others show that it moved by {state.moved_k[j]:.1f} K; is it frozen? '

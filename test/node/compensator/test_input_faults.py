@@ -319,7 +319,7 @@ LEAP = 'stamps of temperatures leapt; was a clock set, or a simulation restarted
 #: Temperatures after 20 s at 30 °C: seconds and values, what is said then, and the drift, N.
 TEMPERATURES = {
     'nan': ([(20, math.nan), *GOOD], '1 are dropped; they are not finite', 5.0),
-    'kelvin': ([(20, 298.15), *GOOD], 'Check it and its unit: K and F are named', 5.0),
+    'kelvin': ([(20, 298.15), *GOOD], 'Check its unit: a column takes :K', 5.0),
     'clock set': (EARLIER, LEAP, 5.0),
     'simulation again': (EARLIER, LEAP, 5.5),
     'simulated gap': (
