@@ -181,7 +181,7 @@ def test_named_topics_are_taken_before_likely_ones(done, drivers, messages, tmp_
 
 def test_temperatures_in_another_unit_or_that_stand_still_are_told(done, messages, tmp_path):
     wrench = '/ft', messages.wrench_type, T0, messages.wrench(1, range(6))
-    for low, high, said in ((240, 346, 'K and F are named behind'), (20, 20, 'No temperature mo')):
+    for low, high, said in ((240, 346, 'a column takes :K, :F or'), (20, 20, 'No temperature mo')):
         heat = [messages.temperature(k + 1, value) for k, value in enumerate((low, high))]
         warm = [('/heat', messages.temperature_type, T0, data) for data in heat]
         assert said in done('show', messages.write(tmp_path / f'{high}', [wrench, *warm]))
