@@ -192,7 +192,7 @@ def test_what_one_read_before_it_was_replaced_is_remembered_at_a_tare(learn, mak
         if compensator.tracker.replaced:
             break
     spikes = compensator.tracker.spikes[1]
-    assert (spikes.stayed_k, spikes.jump.off_k) == (0.0, pytest.approx(30.0, abs=1.0))
+    assert (spikes.jump.by_k, spikes.jump.off_k) == (0.0, pytest.approx(30.0, abs=1.0))
     compensator.set_tare(np.zeros(6), compensator.tracker.end_ns)
     assert any('remembers that thermometer 2 jumped' in why for why in compensator.zero_doubts)
 

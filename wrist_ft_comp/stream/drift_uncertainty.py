@@ -72,13 +72,18 @@ def doubt_read(
     Bound what is wrong of the zero drift after false temperatures were read, (6,), N and N m.
 
     Takes what was read, and what may have been true, °C, (n, J), and what is true from then on,
-    (J,). It is the larger one of what is wrong now, and after as long again.
+    (J,). It is the largest error from then on, for as long again.
     """
-    start, later_c = drift_model.start(model, read_c[0]), np.tile(after_c, (len(read_c), 1))
+    start, cells = drift_model.start(model, read_c[0]), len(read_c)
     states = [drift_model.skip(model, start, path_c) for path_c in (read_c, true_c)]
-    now = [drift_model.step(model, state, after_c)[1].zero for state in states]
-    later = [drift_model.run_to_end(model, state, later_c)[1].zero for state in states]
-    return np.asarray(np.maximum(np.abs(now[1] - now[0]), np.abs(later[1] - later[0])))
+    off: FloatArray = np.zeros(len(AXES))
+    # An error moves fast at first: looks that are not three times as late change it by percents.
+    looks = [0, *3 ** np.arange(np.ceil(np.log(cells) / np.log(3))), cells]
+    for passed in np.diff(looks, prepend=0).astype(int).tolist():
+        states = [drift_model.skip(model, s, after_c[np.newaxis], passed) for s in states]
+        read, true = (drift_model.step(model, s, after_c)[1].zero for s in states)
+        off = np.maximum(off, np.abs(true - read))
+    return off
 
 
 def span_cells(model: DriftModel) -> int:

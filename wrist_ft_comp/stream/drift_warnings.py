@@ -132,9 +132,9 @@ def jump_doubts(tracker: DriftTracker) -> list[str]:
     for j, spikes in enumerate(tracker.spikes):
         if any(j in pair for pair in pairs):
             continue
-        if spikes.stayed_k:  # it acts for as long as it lasts, whatever the model remembers
+        if spikes.jump.by_k:  # it acts for as long as it lasts, whatever the model remembers
             said.append(
-                f'thermometer {j + 1} jumped by {spikes.stayed_k:.1f} K and stayed there; is it '
+                f'thermometer {j + 1} jumped by {spikes.jump.by_k:.1f} K and stayed there; is it '
                 'loose? Mend it, or tare where it is to stay so'
             )
         elif spikes.jump.off_k and spikes.remembered_s(tracker.end_ns, memory_s):

@@ -28,7 +28,7 @@ def exchanged_by_jumps(spikes: Sequence[SpikeFilter]) -> list[tuple[int, int]]:
     for (i, one), (j, other) in combinations(enumerate(spikes), 2):
         apart_ns = (one.jump.at_ns or 0) - (other.jump.at_ns or 0)
         at_once = abs(apart_ns) <= _AT_ONCE_S * NANOSECONDS
-        if at_once and _are_opposite(one.stayed_k, other.stayed_k):
+        if at_once and _are_opposite(one.jump.by_k, other.jump.by_k):
             pairs.append((i, j))
     return pairs
 

@@ -65,7 +65,7 @@ class _Run:
 class Jump(NamedTuple):
     """What a thermometer jumped since the last tare, by readings that were believed at last."""
 
-    #: How far in all, K.
+    #: How far in all, K; 0 where it came back.
     by_k: float = 0.0
     #: When last, ns, None if never, and how far it was off until then, K.
     at_ns: int | None = None
@@ -97,11 +97,6 @@ class SpikeFilter:
         self._other: _Run | None = None
         #: Whether the drift follows a prediction instead.
         self._is_replaced = False
-
-    @property
-    def stayed_k(self) -> float:
-        """How far it has jumped and stayed since the last tare, K; 0 where it came back."""
-        return self.jump.by_k
 
     def remembered_s(self, now_ns: int, memory_s: float) -> float:
         """For how long a model remembers what it read before it jumped, s; 0 if not."""
@@ -202,7 +197,7 @@ class SpikeFilter:
         """Take a jump to a temperature that is believed, unless a prediction is used instead."""
         if self._is_replaced:
             return
-        off_k, sum_k = self.stayed_k, self.stayed_k + by_k
+        off_k, sum_k = self.jump.by_k, self.jump.by_k + by_k
         # It may have warmed meanwhile.
         lasted_s = (stamp_ns - (self.jump.at_ns or stamp_ns)) / NANOSECONDS
         warmed_k = min(_LEAST_JUMP_K + FASTEST_K_S / 2 * lasted_s, JUMP_K)
@@ -211,8 +206,8 @@ class SpikeFilter:
 
     def end_jump(self, now_ns: int) -> None:
         """Take that a jump that stayed has ended."""
-        if self.stayed_k:
-            self.jump = Jump(0.0, now_ns, off_k=self.stayed_k)
+        if self.jump.by_k:
+            self.jump = Jump(0.0, now_ns, off_k=self.jump.by_k)
 
     def replace(self, now_ns: int, *, is_replaced: bool) -> None:
         """Let the drift follow a prediction, or the readings again; a jump that stayed ends so."""
