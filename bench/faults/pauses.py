@@ -43,7 +43,7 @@ def work_of(node: Any, model_path: Path, seed: int) -> dict[str, tuple[Callable[
     for second in range(HISTORY_S):
         sensor.advance(float(second))
         node.compensator.add_temperature(0, second * NANOSECONDS, sensor.celsius)
-    last_s = HISTORY_S
+    tracker, last_s = node.compensator.tracker, HISTORY_S
 
     def end_gap(gap_s: int) -> None:
         nonlocal last_s
@@ -59,7 +59,6 @@ def work_of(node: Any, model_path: Path, seed: int) -> dict[str, tuple[Callable[
         'recording: begin and end': (lambda: (node.recorder.begin(), node.recorder.end()), 20),
         'tare: reset it': (node.tare.reset, 50),
         'learning: remember what was judged': (node.learning._remember, 50),  # noqa: SLF001
-        'model: remember which was live': (node.live._remember, 50),  # noqa: SLF001
         'model: read and check a file': (lambda: load_model(model_path), 10),
         'model: restore a calibration': (
             lambda: restore_model(model_path, stored.sha256, stored.document), 50,
@@ -71,6 +70,7 @@ def work_of(node: Any, model_path: Path, seed: int) -> dict[str, tuple[Callable[
             )
             for gap_s in (60, 3600, 12 * 3600)
         },
+        'temperature: one that was loose is back': (lambda: tracker._doubt_loose(0, 5, 47), 20),  # noqa: SLF001
         'housekeeping, 10 times a second': (node.housekeep, 200),
         'diagnostics, once a second': (node._diagnose, 200),  # noqa: SLF001
     }  # fmt: skip
