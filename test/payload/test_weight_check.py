@@ -37,6 +37,20 @@ def test_a_mirrored_imu_is_said_within_a_minute_of_small_motion(signs, axis, is_
     assert ('specific force is mirrored, turned otherwise' in check.found) == is_said
 
 
+@pytest.mark.parametrize('turned', [False, True])
+def test_an_imu_that_is_turned_before_a_contact_is_said_within_a_minute(turned):
+    check, rng = WeightCheck('tool'), np.random.default_rng(0)
+    for second in np.arange(-60.0, 60.0, 1.01):
+        angles = 0.9 * np.sin((second + 100) / 11.7), 1.2 * np.sin((second + 100) / 7.3)
+        force_n = Rotation.from_euler('yx', angles).inv().apply([0, 0, 11.8])
+        presses_n = 60.0 * max(0.0, np.sin((second - 2) / 15) - 0.7) * np.array([0.1, -0.2, -1.0])
+        weight_n = force_n[[1, 0, 2]] * [-1, 1, 1] if turned and second > 0 else force_n
+        measured_n = np.append(force_n + presses_n + rng.normal(0, 0.05, 3), np.zeros(3))
+        check.add(measured_n, np.append(weight_n, np.zeros(3)))
+        assert second > 0 or not check.found
+    assert ('specific force is mirrored' in check.found) == turned
+
+
 @pytest.mark.parametrize('poses', [2, 3, 4, 6])
 def test_a_process_that_presses_in_one_of_few_poses_does_not_look_turned(poses):
     for seed in range(10):

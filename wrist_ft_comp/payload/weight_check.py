@@ -30,7 +30,7 @@ _KEPT, _FEWEST = 24, 10
 #: Fewer poses than this say nothing, where a process presses in one of them in each cycle.
 _FEWEST_POSES = 6
 #: A force against the weight, or aside, shows in smaller steps: how large, N, and how many.
-_LOOK_N, _LOOKS = 0.7, 24
+_LOOK_N, _LOOKS = 0.7, 16
 #: Bounds of its share along the weight, of its size beside it, and of what one turn leaves.
 _ALONG_SHARE, _AS_LARGE, _TURN_REST = 0.3, 0.7, 0.3
 #: Triples of changes that are tried.

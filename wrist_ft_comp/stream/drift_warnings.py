@@ -16,7 +16,7 @@ from wrist_ft_comp.stream import exchanged_thermometers
 from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.drift_uncertainty import doubt_start
-from wrist_ft_comp.stream.failed_thermometers import CALIBRATED_TIMES, too_still_s
+from wrist_ft_comp.stream.failed_thermometers import too_still_s
 from wrist_ft_comp.stream.gaps_and_restarts import longest_gap_s, OUTAGE_S
 
 #: Drift that may be off by fewer standard deviations of the model than this is not doubted.
@@ -76,12 +76,12 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
         # Held-out predictions were off by a third of this at most.
         if worst := _off(model, tracker.effect(one[j] * model.prediction.agree_k / 3)):
             sentences.append(f'by what is predicted of thermometer {j + 1}, {worst} off')
-    far = state.suspicious(model.prediction, 0.5)
-    for j in np.flatnonzero(state.suspicious(model.prediction, 0.2)).tolist():
-        # Where the robot hardly warms, one that is frozen is found by its own stands before.
-        stands = state.still_s[j] > CALIBRATED_TIMES * (usual_s[j] or np.inf)
+    for j in np.flatnonzero(state.suspicious(model.prediction, 0.0)).tolist():
+        # On a robot that hardly warms: the longer than ever one stands, the less has to have moved.
+        moved = state.moved_k[j] / model.prediction.still_k[j]
+        stands = max(1.0, state.still_s[j] / (usual_s[j] or np.inf))
         worst = _off(model, tracker.effect(one[j] * state.moved_k))
-        if worst and (far[j] or stands or too_long_s(j)):
+        if worst and (moved * stands > 0.5 or (moved > 0.2 and too_long_s(j))):
             sentences.append(
                 f'thermometer {j + 1} has read the same for {state.still_s[j]:.0f} s while '
                 f'the others show that it moved by {state.moved_k[j]:.1f} K; is it frozen? '

@@ -26,7 +26,7 @@ STILL_S = 180.0
 #: many times its longest stand before; if that was above a minute, also the third times its
 #: longest stand in the calibration. 270 healthy simulated days and 80 h of a real probe had no
 #: false alarm; of 270 freezes 262 were found (without the third).
-_STILL_ALONE_S, _STILL_TIMES, CALIBRATED_TIMES = 600.0, 10.0, 2.0
+_STILL_ALONE_S, _STILL_TIMES, _CALIBRATED_TIMES = 600.0, 10.0, 2.0
 #: "Before" is this time, s; where less than the second one is known, what the calibration showed.
 _KNOWN_S, _LEAST_KNOWN_S = 3600.0, 1800.0
 #: A thermometer that was replaced has to agree for this time before it is believed, s.
@@ -217,5 +217,5 @@ def too_still_s(
         return 0.0
     longest_s = max(_STILL_ALONE_S, _STILL_TIMES * usual_s)
     if longest_s > _STILL_ALONE_S:
-        longest_s = max(longest_s, CALIBRATED_TIMES * (calibrated_s or 0.0))
+        longest_s = max(longest_s, _CALIBRATED_TIMES * (calibrated_s or 0.0))
     return still_s if still_s > longest_s else 0.0
