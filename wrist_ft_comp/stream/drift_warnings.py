@@ -77,7 +77,7 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
         if worst := _off(model, tracker.effect(one[j] * model.prediction.agree_k / 3)):
             sentences.append(f'by what is predicted of thermometer {j + 1}, {worst} off')
     for j in np.flatnonzero(state.suspicious(model.prediction, 0.0)).tolist():
-        # On a robot that hardly warms: the longer than ever one stands, the less has to have moved.
+        # On a robot that hardly warms: the longer one stands, the less has to have moved.
         moved = state.moved_k[j] / model.prediction.still_k[j]
         stands = max(1.0, state.still_s[j] / (usual_s[j] or np.inf))
         worst = _off(model, tracker.effect(one[j] * state.moved_k))
