@@ -275,6 +275,21 @@ def test_a_gap_is_doubted_where_a_robot_moves(make_model, gap, allowed_s, moves,
     assert bool(gap_doubts(compensator.tracker)) == is_said
 
 
+@pytest.mark.parametrize('allowed_s', [5.0, 3600.0])
+def test_a_silence_that_is_allowed_is_no_gap_and_time_in_which_the_model_forgets(
+    make_model, allowed_s
+):
+    """It remembers 15 min; the robot was warm at the start, and is silent for half an hour."""
+    settings, is_gap = StreamSettings(temperature_timeout_s=allowed_s), allowed_s < 1800
+    compensator = Compensator(1, settings, doubting(make_model, 300.0))
+    heat(range(70), 40.0, compensator)
+    assert gap_doubts(compensator.tracker)
+    assert bool(gap_doubts(compensator.tracker, 1800 * SECOND + START)) == is_gap
+    heat(range(1870, 1873), lambda second: 40.0 - second / 1000, compensator)
+    assert compensator.tracker.forgot == is_gap
+    assert bool(gap_doubts(compensator.tracker)) == is_gap
+
+
 @pytest.mark.parametrize('cell_s', [1, 120])
 def test_a_stream_that_was_killed_after_a_first_cell_goes_on_after_minutes(make_model, cell_s):
     model, settings = make_model({'force_z': (0.4, 0.0, 600.0)}, period_s=cell_s), StreamSettings()

@@ -54,7 +54,7 @@ class Arx:
         """L: how many past cells the next output depends on."""
         return max(len(self.a), self.first_lag + len(self.b) - 1)
 
-    @property
+    @cached_property
     def poles(self) -> FloatArray:
         """Roots of z^n + a_1 z^(n-1) + … + a_n, complex, shape (n,)."""
         return np.asarray(np.roots(np.concatenate(([1.0], self.a))))

@@ -244,7 +244,7 @@ class TemperatureInput(Part):
         yield from self._tracker.thermometer_doubts
         yield from frozen_doubts(self._tracker)
         yield from seldom_doubts(self._tracker, self.live.compensator.moves)
-        yield from gap_doubts(self._tracker)
+        yield from gap_doubts(self._tracker, (self.live.counts.newest or [0])[0])
         yield from self._silence()
         if 0 < grown['rejected'] >= grown['usable']:  # of whole seconds, one counts
             yield 'temperatures are dropped, because their stamps do not increase'

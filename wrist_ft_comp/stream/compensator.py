@@ -11,11 +11,11 @@ from wrist_ft_comp.drift.drift_model import check_fits, Drift, DriftModel, no_dr
 from wrist_ft_comp.errors import check_range, SettingsError
 from wrist_ft_comp.recording import PERIODS_S
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream import drift_warnings
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_limits import axis_limits, Limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.drift_uncertainty import SPAN_S
+from wrist_ft_comp.stream.drift_warnings import frozen_doubts, gap_doubts, jump_doubts
 from wrist_ft_comp.stream.exchanged_thermometers import exchanged_by_jumps
 from wrist_ft_comp.stream.gaps_and_restarts import ThermalMemory
 from wrist_ft_comp.stream.tare import early_tare_doubts, tare_doubts, usual_silences_ns
@@ -114,7 +114,7 @@ class Compensator:
     @property
     def zero_doubts(self) -> list[str]:
         """Sentences on what has happened since the last tare that may have moved the zero."""
-        said = self.lasting_doubts + drift_warnings.jump_doubts(self.tracker)
+        said = self.lasting_doubts + jump_doubts(self.tracker)
         if self.compensating and self.tared and self._waits_since_ns is not None:
             said += early_tare_doubts(-math.inf, 0, 'next temperatures')
         return said
@@ -156,7 +156,7 @@ class Compensator:
         known_ns = 2 * (SPAN_S * NANOSECONDS + self.tracker.grid.period_ns)
         lately = 0 <= stamp_ns - self._tared_ns <= known_ns
         if lately and self.tracker.uncertainty is not uncertainty:
-            self._doubt_uncertain('the tare was taken')
+            self._doubt_uncertain('the tare was taken', stamp_ns)
         target = self.target
         since_ns = self._waits_since_ns
         if had_drift and since_ns is not None and self.tracker.end_ns < since_ns < math.inf:
@@ -227,7 +227,7 @@ class Compensator:
         if model is not None:
             check_fits(model, self.thermometers)
         if keep_output_of is not None:
-            self._doubt_uncertain('the model went live')
+            self._doubt_uncertain('the model went live', keep_output_of[0])
             if self._lags(self.compensation_at(keep_output_of[0])):
                 self.doubt_zero('the drift lagged behind when the model was changed; call ~/tare')
             if self.tared and self.model:
@@ -241,7 +241,7 @@ class Compensator:
                     )
         self.tracker.use(model)
         if keep_output_of is not None:
-            self._doubt_uncertain('the model went live')
+            self._doubt_uncertain('the model went live', keep_output_of[0])
         if self._waits_since_ns is not None and self.compensating:
             since_ns, begun_ns = self._waits_since_ns, self.tracker.end_ns
             self.doubt_zero(*early_tare_doubts(since_ns, begun_ns, 'model went live'))
@@ -276,7 +276,7 @@ class Compensator:
         has_drift = self.compensating and self.tracker.awaited is None and not is_held
         self._waits_since_ns = None if has_drift else stamp_ns
         self.doubt_zero(*tare_doubts(self.tracker, has_drift=has_drift))
-        self._doubt_uncertain('the tare was taken')
+        self._doubt_uncertain('the tare was taken', stamp_ns)
         self._refresh_correction()
         return self.tare
 
@@ -284,9 +284,9 @@ class Compensator:
         """Say until the next tare, once each, why the zero may be another one."""
         self.lasting_doubts += [why for why in sentences if why not in self.lasting_doubts]
 
-    def _doubt_uncertain(self, made: str) -> None:
-        """Say that a zero that is made now, in words, is of a drift that may be off."""
-        if drift_warnings.gap_doubts(self.tracker) or drift_warnings.frozen_doubts(self.tracker):
+    def _doubt_uncertain(self, made: str, at_ns: int) -> None:
+        """Say that a zero that is made at a stamp, in words, is of a drift that may be off."""
+        if gap_doubts(self.tracker, at_ns) or frozen_doubts(self.tracker):
             self.doubt_zero(
                 f'{made} while the thermal state was uncertain; call ~/tare when the status '
                 'temperature is OK'
@@ -327,7 +327,7 @@ class Compensator:
         """Continue from a memory, before the first temperature, as DriftTracker.resume does."""
         self.tracker.resume(memory, by_clock_s)
         # What the memory says of jumps ends when they do.
-        of_jumps = drift_warnings.jump_doubts(self.tracker)
+        of_jumps = jump_doubts(self.tracker)
         self.lasting_doubts = [why for why in self.lasting_doubts if why not in of_jumps]
         self._settle(self.target, None)
 

@@ -170,7 +170,8 @@ class DriftTracker:
         gap_s, history_c, state_before = gap * period_s, self.history_c, self.state
         why = self._stood_still(cell, gap_s) if self.awaited else ''
         allowed_s = 0.0 if self.awaited else self.patience_s
-        goes_on = self._goes_on(gap_s, why) if gap or self.awaited else True
+        longest_s = max(self.memory_s, allowed_s)
+        goes_on = self._goes_on(gap_s, longest_s, why) if gap or self.awaited else True
         gap_s = 2.0 * self.memory_s if why else gap_s
         # A pause of thermometers that report seldom, or that is allowed, is none.
         usual_s = 2 * period_s * max(map(self.grid.spacing, range(self._count)))
@@ -201,7 +202,7 @@ class DriftTracker:
 
         # The model remembers what nobody knows of a gap, and of the time before the start.
         # After longer gaps than it remembers, such as nights, a sensor as cold as a room soaked.
-        if gap_s > self.memory_s:
+        if gap_s > longest_s:
             is_doubtful = bool((believed_c > drift_uncertainty.warmest_room_c(model)).any())
         if is_doubtful and state_before is not None and len(history_c):
             bounds = drift_uncertainty.bound_drift(
@@ -286,12 +287,12 @@ class DriftTracker:
             return ''
         return f'all temperatures changed faster in {gap_s:.0f} s than ever: clocks stood still'
 
-    def _goes_on(self, gap_s: float, why: str) -> bool:
+    def _goes_on(self, gap_s: float, longest_s: float, why: str) -> bool:
         """Decide whether the drift goes on over a gap, or not, as ``why`` says; say so."""
         memory, by_clock_s = self.awaited or (None, 0.0)
         self.awaited = None
         cell_s = self.grid.period_ns / NANOSECONDS
-        problem = why_forgotten(gap_s, self.memory_s, by_clock_s, cell_s) or why
+        problem = why_forgotten(gap_s, longest_s, by_clock_s, cell_s) or why
         if problem:
             self._forget()
             if self.model is not None and (memory or not 0 <= gap_s < _REPORTED_GAP_S):

@@ -29,7 +29,7 @@ class Uncertainty(NamedTuple):
     #: N and N m, (6,).
     bound: FloatArray
 
-    def left(self, now_ns: int, memory_s: float) -> FloatArray:
+    def left(self, now_ns: float, memory_s: float) -> FloatArray:
         """Compute the bound at a later stamp, N and N m, (6,): the model forgets in memory_s."""
         age_s = (now_ns - self.since_ns) / NANOSECONDS
         return np.asarray(self.bound * np.exp(-TIME_CONSTANTS * age_s / memory_s))

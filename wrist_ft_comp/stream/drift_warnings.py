@@ -26,11 +26,12 @@ _CERTAIN = 3.0
 _COOLS_K = 2.0
 
 
-def gap_doubts(tracker: DriftTracker) -> list[str]:
-    """Say how far the drift may be off, because temperatures were missing."""
+def gap_doubts(tracker: DriftTracker, now_ns: float = 0) -> list[str]:
+    """Say how far the drift may be off at a stamp, because temperatures were missing."""
     if tracker.uncertainty is None:
         return []
-    worst = _off(tracker.model, tracker.uncertainty.left(tracker.end_ns, tracker.memory_s))
+    at_ns = tracker.end_ns + np.clip(now_ns - tracker.end_ns, 0, tracker.patience_s * NANOSECONDS)
+    worst = _off(tracker.model, tracker.uncertainty.left(at_ns, tracker.memory_s))
     sentence = (
         'the thermal state is uncertain, because the robot was warm at the start, or temperatures '
         f'were missing or wrong, or a clock was set: {worst} off, and less and less from now on'
