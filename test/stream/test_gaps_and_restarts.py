@@ -275,17 +275,20 @@ def test_a_gap_is_doubted_where_a_robot_moves(make_model, gap, allowed_s, moves,
     assert bool(gap_doubts(compensator.tracker)) == is_said
 
 
-@pytest.mark.parametrize('allowed_s', [5.0, 3600.0])
+@pytest.mark.parametrize(
+    ('allowed_s', 'after_c', 'is_gap'),
+    [(5.0, 40.0, True), (3600.0, 40.5, False), (3600.0, 50.0, True)],
+)
 def test_a_silence_that_is_allowed_is_no_gap_and_time_in_which_the_model_forgets(
-    make_model, allowed_s
+    make_model, allowed_s, after_c, is_gap
 ):
     """It remembers 15 min; the robot was warm at the start, and is silent for half an hour."""
-    settings, is_gap = StreamSettings(temperature_timeout_s=allowed_s), allowed_s < 1800
+    settings = StreamSettings(temperature_timeout_s=allowed_s)
     compensator = Compensator(1, settings, doubting(make_model, 300.0))
     heat(range(70), 40.0, compensator)
     assert gap_doubts(compensator.tracker)
-    assert bool(gap_doubts(compensator.tracker, 1800 * SECOND + START)) == is_gap
-    heat(range(1870, 1873), lambda second: 40.0 - second / 1000, compensator)
+    assert bool(gap_doubts(compensator.tracker, 1800 * SECOND + START)) == (allowed_s < 1800)
+    heat(range(1870, 1873), lambda second: after_c - second / 1000, compensator)
     assert compensator.tracker.forgot == is_gap
     assert bool(gap_doubts(compensator.tracker)) == is_gap
 

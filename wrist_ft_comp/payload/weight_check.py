@@ -26,13 +26,13 @@ from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, ROUNDING
 #: sensors, 0.3 N.
 _MOVED_N = 2.0
 #: Changes that are kept, and fewest that say something.
-_KEPT, _FEWEST = 24, 10
+_KEPT, _FEWEST = 24, 14
 #: Fewer poses than this say nothing, where a process presses in one of them in each cycle.
 _FEWEST_POSES = 6
 #: A force against the weight, or aside, shows in smaller steps: how large, N, and how many.
 _LOOK_N, _LOOKS = 0.7, 16
 #: Bounds of its share along the weight, of its size beside it, and of what one turn leaves.
-_ALONG_SHARE, _AS_LARGE, _TURN_REST = 0.3, 0.7, 0.3
+_ALONG_SHARE, _AS_LARGE, _TURN_REST = 0.3, 0.7, 0.15
 #: Triples of changes that are tried.
 _TRIPLES = 40
 #: Where this share of the newest changes is that of the weight, in three directions, contacts make

@@ -170,7 +170,9 @@ class DriftTracker:
         gap_s, history_c, state_before = gap * period_s, self.history_c, self.state
         why = self._stood_still(cell, gap_s) if self.awaited else ''
         allowed_s = 0.0 if self.awaited else self.patience_s
-        longest_s = max(self.memory_s, allowed_s)
+        moved_k = np.nan if self.reading_c is None else cell.temperature_c - self.reading_c
+        # In a silence that is allowed, thermometers that report on change move by a step.
+        longest_s = max(self.memory_s, allowed_s * bool((np.abs(moved_k) < JUMP_K).all()))
         goes_on = self._goes_on(gap_s, longest_s, why) if gap or self.awaited else True
         gap_s = 2.0 * self.memory_s if why else gap_s
         # A pause of thermometers that report seldom, or that is allowed, is none.
