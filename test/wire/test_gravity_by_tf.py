@@ -45,6 +45,13 @@ def test_the_frames_may_lie_on_two_branches():
     assert gravity.root() == 'map'
 
 
+def test_of_static_transforms_alone_joints_are_missing():
+    gravity = GravityByTf('table', 'sensor')
+    send(gravity, 'table', 'sensor', 0, TURNS['a'], static=True)
+    assert gravity.settled_ns() is None
+    assert ': only static ones link them, as where no joint is published. The' in gravity.missing()
+
+
 @pytest.mark.parametrize('parent', ['tool', 'flange'])
 @pytest.mark.parametrize(('gap', 'turned'), [(0.1, 0.0), (5.0, 4.0)])
 def test_what_turned_unseen_is_known(gap, turned, parent):

@@ -213,7 +213,7 @@ class ExternalWrench(Part):
             well = f'identifying a payload: {self.collector.share:.0%} of a minute'
         elif payload is not None:
             well = f'subtracting {payload.name}'
-        wrong = list(self._weight_doubts()) if self.wanted else []
+        wrong = list(self._weight_doubts()) if self.wanted or self._before else []
         self.wrong = wrong[0] if wrong and payload is not None else ''
         late = self.check.found or time.monotonic() - self.tared_s < _JUDGED_S
         if wrong and late and self.compensator.external_tare.any():
@@ -250,13 +250,13 @@ class ExternalWrench(Part):
         """Say why the weight is wrong that is taken off, or is to be identified."""
         payload = self.payload
         yield from self.specific_force.value_doubts(payload.frame if payload else ForceFrame())
-        if payload is None:
-            return
         if self._before:
             yield (
                 f'before the restart payload.active was {self._before}, set while the node ran; '
                 'set it to what is mounted, also where that is the one that is named now'
             )
+        if payload is None:
+            return
         here = self.specific_force.frames()
         if changed := changed_frames(payload.frame, here):
             yield (

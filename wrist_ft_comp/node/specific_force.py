@@ -15,7 +15,7 @@ from wrist_ft_comp.payload.weight import Force, ForceFrame, FrameIds
 from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.parameters import at_start
 from wrist_ft_comp.ros.rclpy_internals import waiting
-from wrist_ft_comp.ros.topics import FAST_SENSOR, LATCHED, load_type, wrong_type
+from wrist_ft_comp.ros.topics import FAST_SENSOR, LATCHED, load_type, why_silent, wrong_type
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.clock import FORCE_APART_S
 from wrist_ft_comp.stream.compensator import Compensator
@@ -252,10 +252,13 @@ class SpecificForceInput(Part):
         return f'{self.unreadable} {what} could not be read, or hold no numbers'
 
     def problem(self) -> str:
-        """Say why TF gives no specific force; empty where it does, or is not used."""
+        """Say why no specific force has come; empty where it is not known."""
+        if self.source == 'imu':
+            return why_silent(self.hub, 'imu', cdr.IMU)
         self._tree.lower = self.frames().wrench_frame
-        is_waiting = self.source == 'tf' and self._handed_out_ns is None and self._tree.lower
-        return self._tree.missing() if is_waiting else ''
+        if self.source == 'tf' and not self._tree.lower:
+            return 'the wrench has no frame_id, which TF is to turn; set it in its driver'
+        return self._tree.missing() if self.source == 'tf' and self._handed_out_ns is None else ''
 
     def timing_doubts(self, wrench_ns: int | None, grown: Mapping[str, int]) -> Iterator[str]:
         """

@@ -24,6 +24,10 @@ from wrist_ft_comp.wire import numbers_in_messages as in_messages
 from wrist_ft_comp.wire.cdr import DOUBLES, RecentFrames, TEMPERATURE
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 
+#: However long temperature_timeout is, one that does not report on change is silent after this, s,
+#: or three of its longest pauses.
+_SILENT_S = 30.0
+
 
 class TemperatureTopic:
     """
@@ -135,6 +139,9 @@ class Thermometer:
     heard_ns: int = 0
     #: Its newest stamp, ns, 0 where it was not filled, None where the type has none; reading, °C.
     newest: tuple[int | None, float] = (None, math.nan)
+    #: Its longest pause between two reports, s, and whether two in a row ever read the same.
+    longest_s: float = 0.0
+    repeats: bool = False
 
 
 @dataclass(eq=False)
@@ -179,6 +186,7 @@ class TemperatureInput(Part):
         heard = self.thermometers[thermometer]
         if stamp_ns and (stamp_ns, temperature_c) == heard.newest:
             return  # sent again until there is another one
+        heard.repeats |= temperature_c == heard.newest[1]
         heard.newest = stamp_ns, temperature_c
         at_ns, newest = stamp_ns or self.hub.now_ns(), self.live.counts.newest
         arrival_ns = self._arrival_ns()
@@ -190,7 +198,9 @@ class TemperatureInput(Part):
             thermometer, at_ns, temperature_c, newest and newest[:2], arrival_ns
         )
         self.usable += 1
-        heard.heard_s, heard.heard_ns = time.monotonic(), self.hub.now_ns()
+        now_s = time.monotonic()
+        heard.longest_s = max(heard.longest_s, now_s - (heard.heard_s or now_s))
+        heard.heard_s, heard.heard_ns = now_s, self.hub.now_ns()
         if cells:
             self.hub.broadcast('on_cells', cells, at_ns)
 
@@ -298,7 +308,7 @@ class TemperatureInput(Part):
         drift = 'nothing is compensated until then'
         if self.live.compensator.compensating:
             drift = 'drift is held'
-        silent, grid = [], self._tracker.grid
+        silent, grid = dict[int, float](), self._tracker.grid
         for j, thermometer in enumerate(self.thermometers):
             heard_s = thermometer.heard_s
             spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS
@@ -306,6 +316,9 @@ class TemperatureInput(Part):
             simulated_s = (self.hub.now_ns() - thermometer.heard_ns) / NANOSECONDS
             if self._arrival_ns() is None and simulated_s >= 0:  # a simulation may be slow
                 silent_s = min(silent_s, simulated_s)
+            usual_s = max(limit_s, 2 * spacing_s)
+            if thermometer.repeats:  # it reports as time passes, not on change
+                usual_s = min(usual_s, max(_SILENT_S, 3 * thermometer.longest_s))
             effect = 'it is predicted' if j in self._tracker.replaced else drift
             if problems[j] and silent_s > max(OUTAGE_S, 2 * spacing_s):
                 yield f'thermometer {j + 1}: {problems[j]}; {effect}'
@@ -313,12 +326,11 @@ class TemperatureInput(Part):
                 wanted = '' if thermometer.source.path else TEMPERATURE
                 why = ros_topics.why_silent(self.hub, thermometer.source.topic, wanted)
                 yield f'thermometer {j + 1} has not reported: {why}; {effect}'
-            elif silent_s > max(limit_s, 2 * spacing_s) and j not in self._tracker.replaced:
-                silent.append(j)
+            elif silent_s > usual_s and j not in self._tracker.replaced:
+                silent[j] = usual_s
         if silent:
-            yield (
-                f'thermometer {_numbers(silent)} silent for more than {limit_s:g} s; drift is held'
-            )
+            named, least_s = _numbers([*silent]), min(limit_s, *silent.values())
+            yield f'thermometer {named} silent for more than {least_s:.3g} s; drift is held'
 
 
 def _numbers(thermometers: Sequence[int]) -> str:

@@ -112,6 +112,8 @@ class Hub(Node):
     """
 
     def __init__(self, name: str, table: Iterable[Parameter], **options: Any) -> None:
+        #: By full name of a topic, the name that it was resolved from.
+        self._given = dict[str, str]()
         super().__init__(name, enable_logger_service=True, **options)
         self.log = NodeLog(cast('Any', self).get_logger())
         #: By name of a service, its last answer.
@@ -209,6 +211,22 @@ class Hub(Node):
             return self.create_subscription(
                 kind, topic, callback, copy(qos), raw=True, qos_overriding_options=overridable
             )
+
+    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
+        """Give the full name, and remember whose it is: the two below remap full names again."""
+        full = super().resolve_topic_name(topic, only_expand=only_expand)
+        self._given[full] = topic
+        return full
+
+    def get_publishers_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> Any:
+        """List who publishes on a topic, by a name that may be full."""
+        given = self._given.get(topic_name, topic_name)
+        return super().get_publishers_info_by_topic(given, no_mangle)
+
+    def get_subscriptions_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> Any:
+        """List who subscribes to a topic, by a name that may be full."""
+        given = self._given.get(topic_name, topic_name)
+        return super().get_subscriptions_info_by_topic(given, no_mangle)
 
     def disagreement(self, topic: str) -> str:
         """Say why another node on a topic, by its relative name, and this one share nothing."""

@@ -76,7 +76,7 @@ def disagreement(node: Node, name: str) -> str:
                 why = why.removeprefix('ERROR: ').rstrip(';')
                 return (
                     f'{topic} passes nothing, because its quality of service differs ({why}): set '
-                    f'qos_overrides.{topic} of this node, or that of the other side'
+                    f'that of the other side; reliability, also by qos_overrides.{topic} here'
                 )
     return ''
 

@@ -144,9 +144,11 @@ class ThermalGrid:
             latest = max(first) if waits else min(first) + self._patience
             self.hold_before(max(cell for cell in first if cell <= latest))
             self._first = None
-        # Of one that reports seldom, a cell has one sample only: no other is waited for.
-        heard = (at + (self.spacing(j) > 1) for j, at in self._newest.items())
-        end, done = max(min(heard), overdue), []
+        # Of one that reports seldom, a cell has one sample only: no other is waited for. Nor is
+        # that one, where others report often.
+        heard = {j: at + (self.spacing(j) > 1) for j, at in self._newest.items()}
+        often = [at for j, at in heard.items() if self.spacing(j) <= self._patience]
+        end, done = max(min(often or heard.values()), overdue), []
         for cell in sorted(cell for cell in self._open if cell < end):
             self.hold_before(cell + 1)
             measured = np.array(self._held_from) == cell

@@ -20,6 +20,9 @@ def test_gravity_comes_by_tf_in_the_frame_of_the_wrench(wired, bench, messages):
     node = wired(parameters={'gravity.source': 'tf', 'gravity.frame': 'base'})
     force = node.node.specific_force
     node.wait_until(lambda: force._tree._links, 'the static transform')
+    assert (
+        force.problem() == 'the wrench has no frame_id, which TF is to turn; set it in its driver'
+    )
     node.ask_output(START, [0.0] * 6)  # tells the frame, tool0
     publisher = bench.publisher(PoseArray, '/tf')
     for k in range(20):

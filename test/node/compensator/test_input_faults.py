@@ -387,6 +387,21 @@ class TestTemperature:
         warns(node, 'temperature', 'thermometer 1 silent for more than 0.2 s; drift is held')
         unharmed(node, START + 10 * HOUR)
 
+    @pytest.mark.parametrize('repeats', [False, True])
+    def test_however_long_others_may_be_silent_one_that_reports_as_time_passes_is_not(
+        self, warm, repeats
+    ):
+        node = warm(thermometers=2, parameters={'temperature_timeout': 3600.0})
+        for j in range(2):
+            node.node.inputs.take(j, START + 20 * SECOND, 31.0)
+            node.node.inputs.take(j, START + 21 * SECOND, 31.0 + j)
+        first, second = node.node.inputs.thermometers
+        second.repeats = repeats
+        first.heard_s -= 29.0
+        second.heard_s -= 31.0
+        said = node.diagnosis('temperature').message
+        assert ('thermometer 2 silent for more than 30 s; drift is held' in said) == repeats
+
     def test_a_frozen_thermometer_is_replaced_with_a_warning(self, warm, warns):
         node = warm(thermometers=2, prediction=ALIKE)
         for second in range(20, 420):

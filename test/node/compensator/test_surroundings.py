@@ -30,6 +30,19 @@ def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
     assert (topics.wrench, topics.temperatures) == ('/driver/ft', ('/driver/heat',))
 
 
+def test_of_names_that_are_remapped_in_a_chain_the_driver_is_seen(bench, tmp_path):
+    """The driver publishes on wrench, and what is corrected gets another name."""
+    rules = {'wrench_raw': 'wrench', 'wrench': 'clean'}
+    given = {'data_directory': str(tmp_path)}
+    node = bench.start(CompensatorNode, namespace='/chain', remap=rules, parameters=given)
+    driver = bench.publisher(WrenchStamped, '/chain/wrench')
+    (end,) = node.get_publishers_info_by_topic(node.resolve_topic_name('wrench_raw'))
+    assert bytes(end.endpoint_gid) != bytes(
+        node.get_publishers_info_by_topic(node.resolve_topic_name('wrench'))[0].endpoint_gid
+    )
+    assert (end.node_name, driver.topic_name) == ('helper', '/chain/wrench')
+
+
 def test_simulated_time_stamps_what_has_no_stamp(wired, bench):
     node = wired(parameters={'use_sim_time': True, 'tare.duration': 0.01})
     node.ask_output(0, LOAD)
