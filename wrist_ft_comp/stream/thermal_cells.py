@@ -144,11 +144,11 @@ class ThermalGrid:
             latest = max(first) if waits else min(first) + self._patience
             self.hold_before(max(cell for cell in first if cell <= latest))
             self._first = None
-        # Of one that reports seldom, a cell has one sample only: no other is waited for. Nor is
-        # that one, where others report often.
+        # Of one that reports seldom, a cell has one sample only: no other is waited for. Nor is one
+        # that is overdue, or was before its last report, where others are not.
         heard = {j: at + (self.spacing(j) > 1) for j, at in self._newest.items()}
-        often = [at for j, at in heard.items() if self.spacing(j) <= self._patience]
-        end, done = max(min(often or heard.values()), overdue), []
+        usual = [at for j, at in heard.items() if [0, *self._spacings[j]][-1] <= self._patience]
+        end, done = max(min([at for at in usual if at > overdue] or heard.values()), overdue), []
         for cell in sorted(cell for cell in self._open if cell < end):
             self.hold_before(cell + 1)
             measured = np.array(self._held_from) == cell
