@@ -1,8 +1,8 @@
 """
 Averages over thermal cells as a stream: of thermometers, and of the rows of the node's recordings.
 
-A cell is complete when every thermometer has sent a sample of a later one, or when the others are
-ahead of a silent one by more than the patience; that one's last value is held. Cells in which no
+A cell is complete when every thermometer has sent a sample of a later one, but for those that are
+behind by more than the patience, or were lately; their last values are held. Cells in which no
 thermometer was heard are left out: what they were like shows when the gap has ended
 (``gaps_and_restarts``). The only time is that of stamps, which ascend (``clock``).
 """
@@ -144,8 +144,8 @@ class ThermalGrid:
             latest = max(first) if waits else min(first) + self._patience
             self.hold_before(max(cell for cell in first if cell <= latest))
             self._first = None
-        # Of one that reports seldom, a cell has one sample only: no other is waited for. Nor is one
-        # that is overdue, or was before its last report, where others are not.
+        # Of one that reports seldom, a cell has one sample only: no other is waited for. Nor does
+        # any wait for one that is overdue, or was before its last report.
         heard = {j: at + (self.spacing(j) > 1) for j, at in self._newest.items()}
         usual = [at for j, at in heard.items() if [0, *self._spacings[j]][-1] <= self._patience]
         end, done = max(min([at for at in usual if at > overdue] or heard.values()), overdue), []
