@@ -80,7 +80,7 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
     for j in np.flatnonzero(state.suspicious(model.prediction, 0.0)).tolist():
         # On a robot that hardly warms: the longer one stands, the less has to have moved.
         moved = state.moved_k[j] / model.prediction.still_k[j]
-        stands = max(1.0, state.still_s[j] / (usual_s[j] or np.inf))
+        stands = np.clip(state.still_s[j] / (usual_s[j] or np.inf), 1, 5)
         worst = _off(model, tracker.effect(one[j] * state.moved_k))
         if worst and (moved * stands > 0.5 or (moved > 0.2 and too_long_s(j))):
             sentences.append(
