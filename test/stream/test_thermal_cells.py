@@ -65,7 +65,7 @@ def test_what_comes_late_counts_when_it_comes(patience_s, every_s, late_s):
     late = seconds(1, *((float(s), float(s)) for s in range(30, 600 - late_s, every_s)))
     stream = sorted([*quick, *late], key=lambda one: one[1] + one[0] * late_s * SECOND)
     last = feed(grid, stream)[-1].temperature_c.tolist()
-    assert last == pytest.approx([20.0, late[-1][2]], abs=2.0)
+    assert last == pytest.approx([20.0, late[-1][2]], abs=5.0)
     assert grid.rejected == 0
 
 
