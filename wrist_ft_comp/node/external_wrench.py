@@ -257,12 +257,12 @@ class ExternalWrench(Part):
             )
         if payload is None:
             return
-        here = self.specific_force.frames()
+        here, came = self.specific_force.frames(), self.specific_force.forces.newest
         if changed := changed_frames(payload.frame, here):
             yield (
                 f'{payload.name} was learnt under other frame_ids: {changed}; is it another '
                 'sensor?'
             )
-        elif payload.is_assumed and (problem := unknown_turn(here)):
+        elif payload.is_assumed and came and (problem := unknown_turn(here)):
             yield problem
         yield from filter(None, [self.check.found])

@@ -294,6 +294,7 @@ def test_a_payload_by_hand_turns_as_this_sensor_learnt(held, other):
 
 def test_a_launch_file_may_name_a_payload_by_hand_before_frame_ids_are_known(held):
     part = held(here=FrameIds('', ''), **BY_HAND)
+    assert 'no frame_id in common' not in part.status().message, 'nothing could identify it yet'
     part.feel(START, UP)
     part.ask(START, CONSTANT)
     assert 'no frame_id in common (none and none)' in part.status().message
