@@ -13,7 +13,7 @@ MOST = {
     'wrist_ft_comp': 22_665,
     # Above the goal of 19 000, for a hundred faults that were found by reading and breaking; each
     # test was red.
-    'test': 19_336,
+    'test': 19_339,
     # Up by 10: worlds have a cold and a hot hall.
     'bench': 5_238,
 }

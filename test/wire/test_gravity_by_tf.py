@@ -50,6 +50,9 @@ def test_of_static_transforms_alone_joints_are_missing():
     send(gravity, 'table', 'sensor', 0, TURNS['a'], static=True)
     assert gravity.settled_ns() is None
     assert ': only static ones link them, as where no joint is published. The' in gravity.missing()
+    send(gravity, 'map', 'table', [0, 9], TURNS['b'])
+    gravity.upper = 'map'
+    assert 'without a loop or a gap of half a second' in gravity.missing()
 
 
 @pytest.mark.parametrize('parent', ['tool', 'flange'])

@@ -253,7 +253,7 @@ class SpecificForceInput(Part):
 
     def problem(self) -> str:
         """Say why no specific force has come; empty where it is not known."""
-        if self.source == 'imu':
+        if self.source == 'imu' and not (self._newest or self.unreadable):
             return why_silent(self.hub, 'imu', cdr.IMU)
         self._tree.lower = self.frames().wrench_frame
         if self.source == 'tf' and not self._tree.lower:

@@ -24,8 +24,7 @@ from wrist_ft_comp.wire import numbers_in_messages as in_messages
 from wrist_ft_comp.wire.cdr import DOUBLES, RecentFrames, TEMPERATURE
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 
-#: However long temperature_timeout is, one that does not report on change is silent after this, s,
-#: or three of its longest pauses.
+#: One that does not report on change is silent after this, s, or three of its longest pauses.
 _SILENT_S = 30.0
 
 

@@ -81,8 +81,8 @@ def frozen_doubts(tracker: DriftTracker) -> list[str]:
         # On a robot that hardly warms: the longer one stands, the less has to have moved.
         moved = state.moved_k[j] / model.prediction.still_k[j]
         stands = np.clip(state.still_s[j] / (usual_s[j] or np.inf), 1, 5)
-        worst = _off(model, tracker.effect(one[j] * state.moved_k))
-        if worst and (moved * stands > 0.5 or (moved > 0.2 and too_long_s(j))):
+        seems = moved * stands > 0.5 or (moved > 0.2 and too_long_s(j))
+        if seems and (worst := _off(model, tracker.effect(one[j] * state.moved_k))):
             sentences.append(
                 f'thermometer {j + 1} has read the same for {state.still_s[j]:.0f} s while '
                 f'the others show that it moved by {state.moved_k[j]:.1f} K; is it frozen? '

@@ -147,8 +147,9 @@ class ThermalGrid:
         # Of one that reports seldom, a cell has one sample only: no other is waited for. Nor does
         # any wait for one that is overdue, or was before its last report.
         heard = {j: at + (self.spacing(j) > 1) for j, at in self._newest.items()}
-        usual = [at for j, at in heard.items() if [0, *self._spacings[j]][-1] <= self._patience]
-        end, done = max(min([at for at in usual if at >= overdue] or heard.values()), overdue), []
+        last = [spacings[-1] if spacings else 1 for spacings in self._spacings]
+        waited = [at for j, at in heard.items() if at >= overdue and last[j] <= self._patience]
+        end, done = max(min(waited or heard.values()), overdue), []
         for cell in sorted(cell for cell in self._open if cell < end):
             self.hold_before(cell + 1)
             measured = np.array(self._held_from) == cell

@@ -278,7 +278,7 @@ class GravityByTf:
         present = sorted(self._others | ends)
         upper, lower = self.upper.strip('/'), self.lower.strip('/')
         what = 'no chain of transforms, without a loop or a gap of half a second, links them'
-        if self._chain(lower)[-1] == self._chain(upper)[-1]:
+        if self._chain(lower)[-1] == self._chain(upper)[-1] and self.settled_ns() is None:
             what = 'only static ones link them, as where no joint is published'
         if absent := [name for name in (upper, lower) if name not in present]:
             what = f'{" and ".join(absent)} {"are" if len(absent) > 1 else "is"} missing'

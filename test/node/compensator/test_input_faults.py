@@ -396,7 +396,7 @@ class TestTemperature:
             node.node.inputs.take(j, START + 20 * SECOND, 31.0)
             node.node.inputs.take(j, START + 21 * SECOND, 31.0 + j)
         first, second = node.node.inputs.thermometers
-        second.repeats = repeats
+        second.repeats &= repeats  # it read 30 °C for 20 s
         first.heard_s -= 29.0
         second.heard_s -= 31.0
         said = node.diagnosis('temperature').message
