@@ -32,7 +32,7 @@ from wrist_ft_comp.ros.topics import NEWEST
 
 ROOT = Path(wrist_ft_comp.__file__).parents[1]
 #: Between two looks at what a test waits for, s.
-PAUSE_S = 0.002
+PAUSE_S = 0.02
 #: Environment of a process that talks over the loopback interface, and not by shared memory.
 LOOPBACK_UDP = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
