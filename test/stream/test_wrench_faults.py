@@ -108,7 +108,8 @@ def test_a_sensor_that_is_zeroed_by_its_driver_is_found_once(free_n, now_n, move
     watch, times = SensorWatch(), 0
     for reading in readings:
         look(watch, reading)
-        times += watch.zeroed(np.array([free_n, 0.0, 0.0, 0.0, 0.0, 0.0]), 0.2 * scale / 3)
+        tare = np.array([free_n, 0.0, 0.0, 0.0, 0.0, 0.0])
+        times += bool(watch.zeroed(np.zeros(6), tare, 0.2 * scale / 3))
     assert times == found
 
 
@@ -118,9 +119,26 @@ def test_a_contact_that_ends_where_the_reading_rested_at_zero_is_no_zeroing(rest
     rng, scale, watch, times = np.random.default_rng(0), [1.0] * 3 + [0.1] * 3, SensorWatch(), 0
     for k, force_n in enumerate(np.repeat([rests_at_n, 20.0, 0.0], 40)):
         look(watch, np.append(force_n, np.zeros(5)) + 0.05 * rng.normal(size=6) * scale)
-        free = np.array([18.0 if tared and k >= 60 else 15.0, 0, 0, 0, 0, 0])
-        times += watch.zeroed(free, 0.2 * np.array(scale) / 3)
+        tare = np.array([18.0 if tared and k >= 60 else 15.0, 0, 0, 0, 0, 0])
+        times += bool(watch.zeroed(np.zeros(6), tare, 0.2 * np.array(scale) / 3))
     assert times == (rests_at_n > 0 or tared)
+
+
+@pytest.mark.parametrize('every_s', [0, 15, 60])
+def test_a_program_that_zeroes_in_each_cycle_is_found_before_much_drift_is_lost(every_s):
+    """Drift of 0.2 N/min, noise of a common sensor, contacts between the zeroings; tared at 0."""
+    rng, scale, watch = np.random.default_rng(0), np.array([1.0] * 3 + [0.1] * 3), SensorWatch()
+    drift, zero, said_n = np.zeros(6), np.zeros(6), None
+    for k in range(6000):
+        drift[2] = 0.2 * k / 600
+        if every_s and k % (10 * every_s) == 0:
+            zero = drift + 0.005 * rng.normal(size=6) * scale
+        touches = 20.0 * (50 < k % 150 < 100) * np.array([0.1, -0.2, -1.0, 0.02, 0.01, 0.0])
+        look(watch, drift - zero + touches + 0.05 * rng.normal(size=6) * scale)
+        if said_n is None and watch.zeroed(drift.copy(), np.zeros(6), 0.04 * scale):
+            said_n = drift[2]
+    assert (said_n is not None) == (every_s > 0)
+    assert said_n is None or 0.2 < said_n < 0.45
 
 
 @pytest.mark.parametrize(('step', 'looks'), [(1e-6, 1), (0.03, 1), (1e-6, 8)])

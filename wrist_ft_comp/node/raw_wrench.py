@@ -119,9 +119,9 @@ class WrenchInput(Part):
         passed_s = (stamp_ns - self._stamp_ns) / NANOSECONDS
         simulated = self.hub.get_parameter('use_sim_time').value
         # What a free sensor reads is known as long as the tare is not in doubt.
-        free = compensator.compensation.zero + compensator.tare
+        drift, tare = compensator.compensation.zero, compensator.tare
         read = np.nan_to_num(raw)
-        is_zero = not read.any() and (np.abs(free) > axis_limits(_THERE_N)).any()
+        is_zero = not read.any() and (np.abs(drift + tare) > axis_limits(_THERE_N)).any()
         is_sound = simulated or not is_zero
         self._unsound |= not is_sound
         unsound_s = now_s - self._sound_s if is_judged and is_sound and self._unsound else 0.0
@@ -162,10 +162,11 @@ class WrenchInput(Part):
         if compensator.tared and (is_new := is_there & (compensator.tare == 0)).any():
             axes = ', '.join(AXES[i] for i in np.flatnonzero(is_new))
             compensator.doubt_zero(f'{axes} read nothing, or 0, at the tare; call ~/tare')
-        if not compensator.lasting_doubts and self.sensor.zeroed(free, self._deviation):
+        how = self.sensor.zeroed(drift, tare, self._deviation)
+        if how and not compensator.lasting_doubts:
             compensator.doubt_zero(
-                'the raw wrench jumped to zero on all axes at once: a program or the driver may '
-                'have zeroed the sensor, or a load was let go that had been tared; call ~/tare'
+                f'the raw wrench {how}: a program or the driver may have zeroed the sensor, or a '
+                'load was let go that had been tared; call ~/tare, and let programs call that'
             )
 
     def note_drivers(self) -> Sequence[Any]:

@@ -39,8 +39,8 @@ _TRIPLES = 40
 #: the others.
 _AS_WEIGHT = 0.25
 #: A smaller turn is none, degrees: an IMU that a person mounts is right within 3. A force that is
-#: larger or smaller than the weight by as much, as a share of it, is that of another payload.
-_LEAST_TURN_DEG = 8.0
+#: larger or smaller than the weight by more than this share of it is that of another payload.
+_LEAST_TURN_DEG, _ANOTHER_SHARE = 8.0, 0.07
 #: Forces that are kept, and how many differ; five times in a row, this share of those lies on the
 #: sphere of a weight, within this share of its radius.
 _FORCES, _DIRECTIONS, _IN_A_ROW, _ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
@@ -221,7 +221,7 @@ class WeightCheck:
                     f'is {how}; mend the mount of the IMU or the frame of the wrench, or call '
                     '~/identify_payload'
                 )
-            if abs(scale - 1) > np.radians(_LEAST_TURN_DEG):
+            if abs(scale - 1) > _ANOTHER_SHARE:
                 return (
                     f'the force moves {scale:.3g} times as much as the weight of {self._name}: '
                     'its unit, payload.mass, or the payload is another one; mend that, or call '
@@ -229,8 +229,8 @@ class WeightCheck:
                 )
         if is_line:
             return None
-        # d × ΔW, linear in d: one block of three rows a change.
-        torque = changes[:, 0, 3:] - changes[:, 1, 3:]
+        # d × ΔW, linear in d: one block of three rows a change. Another mass is no other centre.
+        torque = changes[:, 0, 3:] - scale * changes[:, 1, 3:]
         moved_nm = np.median(np.abs(changes[:, 0, 3:]))
         if np.isnan(moved_nm) or moved_nm < ROUNDING:  # a sensor of forces alone
             torque = np.zeros_like(torque)

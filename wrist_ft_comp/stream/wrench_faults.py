@@ -36,6 +36,8 @@ _CERTAIN, _RESOLVED_N, _UNKNOWN_N = 3.0, 0.2, 0.5
 _LOADED_N = 3.0
 #: A load at rest scatters by less than this, N.
 _REST_N = 0.5
+#: A sensor that was zeroed just now reads less than this, N, and what its noise makes of it.
+_ZERO_N = 0.05
 
 
 def unusable(raw: Sequence[float], before: Sequence[float]) -> float | None:
@@ -77,8 +79,9 @@ class SensorWatch:
         self._returned: BoolArray = np.zeros(len(AXES), np.bool_)
         #: The readings of the last two seconds.
         self._lately: deque[FloatArray] = deque(maxlen=2 * _RUN_LOOKS)
-        #: What the free sensor was to read, N and N m, when a reading rested near zero.
-        self._free_at_zero: FloatArray = np.full(len(AXES), np.nan)
+        #: The drift when a reading rested near zero last, and when one rested at zero first, since
+        #: a tare; and that tare, N and N m.
+        self._near_zero, self._at_zero, self._tare = np.full((3, len(AXES)), np.nan)
         #: Share of the last looks that showed a new value, per axis.
         self._lively: FloatArray = np.zeros(len(AXES))
         #: Looks at an axis that stood still while others moved; the last, at all that stood still.
@@ -118,34 +121,49 @@ class SensorWatch:
             change[-1] += _RUN_LOOKS
         self._still = np.clip(self._still + change, 0.0, 2 * LOOKS)
 
-    def zeroed(self, free: FloatArray, deviation: FloatArray) -> bool:
+    def zeroed(self, drift: FloatArray, tare: FloatArray, deviation: FloatArray) -> str:
         """
-        Whether a reading at rest jumped to zero on all axes between two looks, a second ago.
+        Say how a reading at rest shows that the sensor was zeroed; '' where it does not.
 
-        ``free`` is what the sensor is to read without a load, N and N m, (6,), and ``deviation``
-        that of the model, NaN where there is none: where it is near zero, or rested there before,
-        as with a tool in one pose, a load was let go.
+        It jumps to zero on all axes between two looks, a second ago, where drift and tare, N and
+        N m, (6,), say that a free sensor reads something else. Not where it rested there before,
+        as with a tool in one pose: a load was let go. Where a program zeroes in each cycle, no
+        jump is large; but it rests at zero again, though drift has moved since.
+
+        ``deviation`` is that of the model, NaN where there is none.
         """
         if len(self._lately) < 2 * _RUN_LOOKS:
-            return False
+            return ''
+        if (tare != self._tare).any():
+            self._near_zero, self._at_zero = np.full((2, len(AXES)), np.nan)
+            self._tare = tare
         off = np.fmax(_CERTAIN * deviation, axis_limits(_RESOLVED_N))
         off = np.where(np.isnan(deviation), axis_limits(_UNKNOWN_N), off)
         parts = np.array(self._lately).reshape(2, _RUN_LOOKS, len(AXES))
-        (before, now), scatter = parts.mean(axis=1), parts.std(axis=1)
+        means, scatter = parts.mean(axis=1), parts.std(axis=1)
         # The noise of some sensors is larger than what others scatter in motion. It bends from
         # look to look, which a swing hardly does.
         bends = np.median(np.abs(np.diff(parts, 2, axis=1)), axis=1).max(axis=0)
         noise = bends / math.sqrt(3)  # as large as its deviation
-        off = np.maximum(off, _CERTAIN * noise / math.sqrt(_RUN_LOOKS))
+        uncertain = _CERTAIN * noise / math.sqrt(_RUN_LOOKS)
+        off = np.maximum(off, uncertain)
         rests = scatter < np.maximum(axis_limits(_REST_N), 2 * noise)
         # Zeros to the last bit are those of a broken sensor.
-        at_rest = rests.all() and scatter[1].any()
-        jumped = (np.abs(before - now) > off).any() and (np.abs(free) > 2 * off).any()
-        is_zero = bool((np.abs(now) < off).all())
-        if is_zero and (np.abs(before) < off).all():
-            self._free_at_zero = free
-        rested_there = (np.abs(free - self._free_at_zero) < off).all()
-        return bool(at_rest and jumped and is_zero and not rested_there)
+        if not (rests.all() and scatter[1].any()):
+            return ''
+        near_before, near_now = (np.abs(means) < off).all(axis=1)
+        if near_before and near_now:
+            self._near_zero = drift
+        rested_near = (np.abs(drift - self._near_zero) < off).all()
+        jumped = (np.abs(means[0] - means[1]) > off).any()
+        if jumped and near_now and not rested_near and (np.abs(drift + tare) > 2 * off).any():
+            return 'jumped to zero on all axes at once'
+        if (np.abs(means) < axis_limits(_ZERO_N) + uncertain).all():
+            if np.isnan(self._at_zero).all():
+                self._at_zero = drift
+            if (np.abs(drift - self._at_zero) > off).any():
+                return 'rests at zero again on all axes, though drift has moved it since'
+        return ''
 
     @property
     def frozen(self) -> bool:
