@@ -95,6 +95,18 @@ def test_tf_gives_samples_where_all_transforms_are_there(start, messages, moving
 
 
 @pytest.mark.usefixtures('ros_domain', 'tf_messages')
+@pytest.mark.parametrize('source', ['tf', 'imu'])
+def test_by_tf_nothing_is_judged_in_a_swing_and_for_a_second_after_it(start, source):
+    part, _ = start(source)
+    whole = []
+    for k, speed in enumerate([None, *[0.5] * 9, *[0.1] * 20, 0.3, 0.1]):
+        part.on_specific_force(START + k * SECOND // 10, UP, speed)
+        whole.append(part.is_whole(START + k * SECOND // 10))
+    by_tf = [False] * 20 + [True] * 10 + [False] * 2
+    assert whole == (by_tf if source == 'tf' else [True] * 32)
+
+
+@pytest.mark.usefixtures('ros_domain', 'tf_messages')
 def test_a_frame_that_is_moved_on_the_robot_is_doubted_until_the_next_tare(start, moving):
     part, hub = start()
     stream, turned = part._compensator, Rotation.from_euler('y', 30, degrees=True).as_quat()

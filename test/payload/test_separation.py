@@ -11,7 +11,7 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.payload import separation
 from wrist_ft_comp.payload.accelerometer_calibration import calibrated_by_norm
-from wrist_ft_comp.payload.separation import separate, separate_again
+from wrist_ft_comp.payload.separation import learn_at_work, separate, separate_again
 from wrist_ft_comp.steps_in_recordings import Step
 
 PLS = IdentificationSettings(method='pls')
@@ -82,6 +82,16 @@ class TestPayloads:
 def without_drift(day):
     theta = (day.temperature_c - 20.0) * [0.3, -0.2, 0.5, 0.01, 0.02, -0.01]
     return day.wrench - theta
+
+
+@pytest.mark.parametrize('by_tf', [True, False])
+def test_by_tf_masses_of_a_robot_that_hardly_rests_are_doubted(plain, by_tf):
+    day, rng = plain[0], np.random.default_rng(0)
+    force = day.specific_force + (0.0 if by_tf else 0.02) * rng.normal(size=(1200, 3))
+    speed = np.maximum(day.rotation_speed, np.tile([0.0, 0.1], 600))
+    swinging = replace(day, specific_force=force, rotation_speed=speed)
+    warnings = learn_at_work([swinging]).warnings
+    assert any(said.startswith('TF does not show how') for said in warnings) == by_tf
 
 
 JUMP = np.array([28.0, 39.0, 6.0, -0.2, 0.4, 0.6])

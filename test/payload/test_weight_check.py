@@ -24,6 +24,17 @@ def test_between_two_poses_contact_is_no_turn_and_another_payload_is_found(gain,
     assert words in check.found
 
 
+@pytest.mark.parametrize(('share', 'words'), [(1.03, ''), (1.1, '1.1 times'), (0.9, '0.9 times')])
+def test_another_mass_at_the_same_place_is_no_other_centre_of_mass(share, words):
+    check, rng = WeightCheck('tool'), np.random.default_rng(0)
+    for _ in range(200):
+        force_n = Rotation.random(random_state=rng).apply([0, 0, -15.0])
+        weight = np.append(force_n, np.cross([0.0, 0.0, 0.15], force_n))
+        check.add(share * weight + rng.normal(0, 0.05, 6) * [1, 1, 1, 0.05, 0.05, 0.05], weight)
+    assert words in check.found
+    assert bool(words) == bool(check.found)
+
+
 @pytest.mark.parametrize(('signs', 'axis', 'is_said'), [
     ([-1, 1, 1], [0, 1, 0], True), ([-1, -1, -1], [1, 0.3, 0], True),
     ([-1, 1, 1], [1, 1, 0], True), ([1, 1, 1], [1, 1, 0], False)])  # fmt: skip

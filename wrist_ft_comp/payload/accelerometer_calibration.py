@@ -21,6 +21,8 @@ from wrist_ft_comp.series import BoolArray, differ, FloatArray
 _REST_RAD_S = 0.03
 #: A driver hangs rarely: at most once per 100 cells that do change.
 _HANGS = 0.01
+#: No IMU is as near to gravity at rest, m/s²; TF is.
+_NOISELESS = 1e-3
 #: Expected bias of an accelerometer, m/s².
 _BIAS = 0.3
 #: No bias is as large as this share of gravity: samples whose norm differs by more are left out,
@@ -71,8 +73,10 @@ class Accelerometer:
     frame: ForceFrame
     #: Relative covariance of what is left of the scale's error, shape (3, 3).
     scale: FloatArray
-    #: Whether some cells were at rest; without any, nothing was fitted.
-    rested: bool
+    #: Share of the cells at rest; without any, nothing was fitted.
+    rested: float
+    #: Whether it is by TF, which shows no acceleration.
+    by_tf: bool
 
 
 def calibrated_by_norm(recordings: Sequence[Recording]) -> Accelerometer:
@@ -98,7 +102,8 @@ def calibrated_by_norm(recordings: Sequence[Recording]) -> Accelerometer:
     theta = temperature_c - temperature_c.mean(axis=0)
     frame, drift, covariance = fit_norm(force[rest], theta[rest])
     corrected = (force - frame.bias - theta @ drift) / frame.scale
-    return Accelerometer(np.split(corrected, ends), frame, covariance, bool(rest.any()))
+    by_tf = bool((np.abs(norms[rest] - GRAVITY) < _NOISELESS).all())
+    return Accelerometer(np.split(corrected, ends), frame, covariance, float(rest.mean()), by_tf)
 
 
 def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArray, FloatArray]:

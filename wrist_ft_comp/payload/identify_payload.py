@@ -55,9 +55,9 @@ def identify(
     if slow.sum() * period_s < _LEAST_SLOW_S:
         raise CalibrationRefusedError(
             f'For {slow.sum() * period_s:.0f} s only did wrench and gravity arrive while the tool '
-            f'turned slower than {FASTEST:g} rad/s; at least {_LEAST_SLOW_S:.0f} s are needed. '
-            'Move more slowly, or rest in every pose, and look whether the specific force at rest '
-            'is about 9.8 m/s².'
+            f'turned slower than {FASTEST:g} rad/s (by TF 0.2 rad/s, and for a second before); '
+            f'at least {_LEAST_SLOW_S:.0f} s are needed. Move more slowly, or rest two seconds in '
+            'every pose, and look whether the specific force at rest is about 9.8 m/s².'
         )
     wrench, force = wrench[slow], force[slow]
     fitted, _, scale = fit_norm(force, np.empty((len(force), 0)))

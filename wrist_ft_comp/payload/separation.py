@@ -27,6 +27,8 @@ from wrist_ft_comp.stream.drift_of_recordings import simulate_drift
 SLOW_S = 7200.0
 #: Time on either side of a step that does not count, s, because the step's place may be wrong.
 _UNSURE_S = 2.0
+#: By TF, which shows no acceleration, a robot that rests for less of the time swings its payload.
+_RESTED_SHARE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,12 @@ def learn_at_work(
             f'The robot never rests in {", ".join(r.name for r in recordings)}, so that the '
             'accelerometer could not be compared with gravity: masses may be some per cent off. '
             'Let the robot rest for some seconds in several poses.'
+        )
+    elif separation.accelerometer.by_tf and separation.accelerometer.rested < _RESTED_SHARE:
+        warnings.append(
+            'TF does not show how the robot accelerates, and it rests in '
+            f'{separation.accelerometer.rested:.0%} of the time only: masses may be 10 % off. '
+            'Identify payloads by ~/identify_payload, with rests of two seconds.'
         )
     payloads = None if objections else separation.payloads_of(bodies)
     return replace(separation, payloads=payloads, warnings=(*warnings, *objections))

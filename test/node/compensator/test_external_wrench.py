@@ -19,6 +19,7 @@ from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.payload_choice import PayloadChoice
 from wrist_ft_comp.node.raw_wrench import Counts
 from wrist_ft_comp.node.specific_force import SpecificForceInput
+from wrist_ft_comp.payload.motion_collector import MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
 from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stored.payload_file import add_payloads
@@ -445,6 +446,21 @@ def test_a_tool_that_was_on_at_a_tare_without_its_name_is_a_warning(held, monkey
     for press, hides in pulls:
         part.ask(START, weight + CONSTANT - press * weight)
         assert ('the weight of day-1 does not show' in part.status().message) == hides, press
+
+
+@pytest.mark.parametrize('speed', [0.5, 0.1])
+def test_by_tf_a_swing_teaches_nothing_of_the_payload(held, speed):
+    """At an arm, the acceleration of a swing makes a payload look heavier."""
+    part = held(('day', ForceFrame()), source='tf', **BY_HAND)
+    collector = MotionCollector()
+    part.part.collect(collector)
+    for k, force in enumerate([UP, ASIDE, SIDEWAYS, -UP, -ASIDE, -SIDEWAYS] * 4):
+        at = START + 2 * k * SECOND
+        part.force.on_specific_force(at, tuple(force), speed)
+        part.ask(at, 1.2 * PART.weight(force))
+        found = part.status()
+    assert ('1.2 times as much as the weight of manual' in found.message) == (speed < 0.2)
+    assert np.isnan(np.array(collector.cells)[:, 6:9]).all() == (speed > 0.2)
 
 
 @pytest.mark.parametrize('tared', [False, True])
