@@ -123,9 +123,10 @@ class StateKeeper(Part):
             stream.tared, tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers)),
             self.counts.payload, stream.tare_deviation,
         )  # fmt: skip
-        self.writer.put(self.path.name, partial(self._write, state), then)
+        model = None if self.live.stored is None else self.live.stored.path
+        self.writer.put(self.path.name, partial(self._write, state, model), then)
 
-    def _write(self, state: SavedState) -> None:
+    def _write(self, state: SavedState, model: Path | None) -> None:
         """Write a state; where that fails, no state of another tare may come back."""
         tares = state.tare.tobytes(), state.external_tare.tobytes()
         try:
@@ -136,6 +137,11 @@ class StateKeeper(Part):
                     self.path.unlink()
             raise
         self._written = tares
+        if model is not None and not model.exists():
+            raise StateFileError(
+                f'{model} is gone, and after a restart drift model and tare are: put a copy of it '
+                'back, or call ~/calibrate.'
+            )
 
     def end(self) -> None:
         """Save once more, and wait for the disk."""

@@ -47,7 +47,8 @@ class Restarted:
         self.compensator = Compensator(1, StreamSettings())
         self.compensator.go_live(stored.model)
         self.keeper = StateKeeper(
-            compensator=self.compensator, live=SimpleNamespace(sha256=stored.sha256),
+            compensator=self.compensator,
+            live=SimpleNamespace(sha256=stored.sha256, stored=stored),
             counts=Counts(), writer=FileWriter(), path=path,
         )  # fmt: skip
         self.hub = fake_hub(self.keeper, **chosen)
@@ -211,3 +212,16 @@ def test_a_disk_that_refuses_is_a_warning_and_logged_and_the_stream_goes_on(rig,
     capfd.readouterr()
     node.bench.close()
     assert f'{state} cannot be written' in capfd.readouterr().err, 'also at the end'
+
+
+def test_a_model_whose_file_is_gone_is_said_while_it_runs(rig, stored, haste):  # noqa: ARG001
+    node = rig(model=stored)
+    node.warm_up(30.0)
+    assert 'is gone' not in node.diagnosis('model').message
+    content = stored.path.read_bytes()
+    stored.path.unlink()
+    node.warm_up(31.0, first=3)
+    node.diagnosis('model', 'm.yaml is gone, and after a restart drift model and tare are: put')
+    stored.path.write_bytes(content)
+    node.warm_up(32.0, first=6)
+    node.diagnosis('model', lambda status: 'is gone' not in status.message)
