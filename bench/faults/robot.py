@@ -117,8 +117,8 @@ class Robot:
     frozen_m_s2, tilted = (0.0, 0.0, GRAVITY), 0.0
     #: Unit of the driver, how often it was started, and its frame.
     unit, driver, publishers, frame = 1.0, 1, 1, OWN_FRAME
-    #: Whether the disk is full, and the robot held still; whether it touches; turn by TF, rad.
-    full, held_still, touches, tilt = False, False, False, 0.0
+    #: Whether the disk is full, how many hold the robot still, whether it touches; turn by TF, rad.
+    full, held_still, touches, tilt = False, 0, False, 0.0
     #: What is held, and what the operator said so.
     held: Payload | None = None
     named: Payload | None = None
@@ -262,7 +262,7 @@ class Robot:
         self.asked_s = math.inf
         while self.gravity != 'none' and self.held is not self.named:
             yield 5.0
-        self.held_still = True
+        self.held_still += 1
         yield 1.0
         if self.node is not None:
             (served,) = (s for s in self.node.services if s.service_name.endswith('/tare'))
@@ -273,8 +273,8 @@ class Robot:
             offer._on_header(served.callback(untyped.Request(), untyped.Response()), answers)
             yield 4.0
             if answers and answers[0].success:
-                self._tared, self.pushed = self._load.copy(), self._push()
-        self.held_still = False
+                self._tared, self.pushed = self._load.copy(), self.push()
+        self.held_still -= 1
 
     # The world
 
@@ -288,7 +288,7 @@ class Robot:
         """Give roll and pitch of the sensor, rad."""
         return 1.2 * math.sin(self.work_s / 7.3), 0.9 * math.sin(self.work_s / 11.7)
 
-    def _push(self) -> FloatArray:
+    def push(self) -> FloatArray:
         """Give what the world does to the tool, N and N m."""
         swell = max(0.0, math.sin(self.work_s / 15) - 0.7) * 3
         return np.asarray((self.touches or swell) * CONTACT_N)
@@ -316,7 +316,7 @@ class Robot:
         force, is_second = self._force(), int(self.steady_s) > int(before_s)
         second = int(self.elapsed_s)
         weight = self.held.weight(np.array(force)) if self.held else np.zeros(6)
-        self._load = weight + self._push()
+        self._load = weight + self.push()
         self._out.clear()
         self._external.clear()
         if self.node is None:
@@ -414,7 +414,7 @@ class Robot:
         noise = self.unit * self.turn @ self._noise
         true = {'wrench': (self._out, self._load - self._tared)}
         if self.named is not None and self.gravity != 'none':
-            true['wrench_external'] = self._external, self._push() - self.pushed
+            true['wrench_external'] = self._external, self.push() - self.pushed
         return {
             name: np.array(struct.unpack('<6d', out[-1][-48:])) - self.shown @ load - noise
             if out
