@@ -137,7 +137,8 @@ def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
     An axis that is stuck throughout is left out: nothing is known of its drift. One that is stuck
     for long is left out of its recording. CalibrationRefusedError where no axis is left.
     """
-    sound, sentences, stuck = list(recordings), list[str](), list[str]()
+    wrenches = [recording.wrench.copy() for recording in recordings]
+    sentences, stuck = list[str](), list[str]()
     for column, axis in enumerate(AXES):
         series = [recording.wrench[:, column] for recording in recordings]
         finite = [values[np.isfinite(values)] for values in series]
@@ -148,9 +149,9 @@ def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
                     f'{axis} reads {read[0][0]:.6g} {axis_unit(axis)} throughout: the channel is '
                     'dead, or not connected. It is left uncompensated.'
                 )
-                sound = [_without(recording, column, slice(None)) for recording in sound]
+                for wrench in wrenches:
+                    wrench[:, column] = np.nan
             continue
-        lost = list[str]()
         for i, (recording, cells) in enumerate(zip(recordings, _find_stuck(series), strict=True)):
             if not cells.any():
                 continue
@@ -165,12 +166,13 @@ def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
                 f'change, first at {time_in(recording, int(np.argmax(cells)))}'
             )
             if share > MOST_LEFT_OUT:
-                lost.append(what)
-            left_out = f'{axis} is left out of that recording' if what in lost else 'left out'
-            sentences.append(f'{what}; {left_out}.')
-            sound[i] = _without(sound[i], column, slice(None) if what in lost else cells)
-        stuck += lost
-    if not any(recording.axes_present for recording in sound):
+                stuck.append(what)
+                sentences.append(f'{what}; {axis} is left out of that recording.')
+                wrenches[i][:, column] = np.nan
+            else:
+                sentences.append(f'{what}; left out.')
+                wrenches[i][cells, column] = np.nan
+    if not any(np.isfinite(wrench).any() for wrench in wrenches):
         if stuck:
             raise CalibrationRefusedError(
                 f'{stuck[0]}; up to {100 * MOST_LEFT_OUT:.0f} % can be left out. Check the range '
@@ -181,14 +183,8 @@ def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
             f'Every axis of {names} keeps one value throughout, so the sensor does not measure. '
             'Check that it streams, and record again.'
         )
-    return sound, sentences
-
-
-def _without(recording: Recording, column: int, cells: BoolArray | slice) -> Recording:
-    """Make cells of one axis NaN."""
-    wrench = recording.wrench.copy()
-    wrench[cells, column] = np.nan
-    return replace(recording, wrench=wrench)
+    pairs = zip(recordings, wrenches, strict=True)
+    return [replace(recording, wrench=wrench) for recording, wrench in pairs], sentences
 
 
 def _find_stuck(series: Sequence[FloatArray]) -> list[BoolArray]:
