@@ -7,17 +7,15 @@ strength.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from wrist_ft_comp.drift.arx_pls import free_run, relaxation
 from wrist_ft_comp.drift.drift_model import DriftModel, ThermometerPrediction
 from wrist_ft_comp.fit.auto_method import LONG_BANK_S, STRENGTHS
 from wrist_ft_comp.fit.data_checks import LONG_SILENCE_S, runs_of
-from wrist_ft_comp.fit.folds import assign_folds
+from wrist_ft_comp.fit.folds import assign_folds, mean_over
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray
 from wrist_ft_comp.stream.drift_of_recordings import exchange_doubts
@@ -52,7 +50,9 @@ def predict_each_other(
     # Relaxed cell by cell and then averaged, (n_i, K, J), as what it is compared with.
     filters = [relaxation(tau, period_s) for tau in LONG_BANK_S]
     relaxed = [
-        np.stack([_in_parts(free_run(h, r.temperature_c), cells).mean(axis=1) for h in filters], 1)
+        np.stack([mean_over(free_run(h, r.temperature_c), cells) for h in filters], axis=1)[
+            : len(r) // cells
+        ]
         for r in recordings
     ]
     means_c = [of_recording[:, 0] for of_recording in relaxed]  # the first has no memory
@@ -83,7 +83,7 @@ def predict_each_other(
         largest_k = np.maximum(largest_k, np.abs(mean_k).max(axis=0))
         change_k = np.abs(mean_k[apart:] - mean_k[:-apart])
         changed_k = np.maximum(changed_k, change_k.max(axis=0, initial=0.0))
-        heard = np.asarray(_in_parts(recording.measured, cells).any(axis=1))
+        heard = np.asarray(mean_over(recording.measured.astype(float), cells)[: len(error)] > 0)
         still = (np.diff(mean_c, axis=0) == 0) | ~heard[1:]
         for j in range(thermometers):
             for first, last in runs_of(still[:, j]):
@@ -97,11 +97,6 @@ def predict_each_other(
         still_k=np.maximum(_NEAR_K, np.max([UNUSUAL * moved_k, changed_k, largest_k / 2], axis=0)),
         silence_s=np.maximum(LONG_SILENCE_S, UNUSUAL * silent_s),
         agree_k=np.maximum(near_k, UNUSUAL * largest_k))  # fmt: skip
-
-
-def _in_parts(values: NDArray[Any], cells: int) -> NDArray[Any]:
-    """Cut values by cell, (N, J), into whole parts, (n, cells, J)."""
-    return values[: len(values) // cells * cells].reshape(-1, cells, values.shape[1])
 
 
 def _ridge(columns: FloatArray, target_c: FloatArray) -> tuple[FloatArray, float]:
