@@ -106,7 +106,7 @@ class Placed:
 def parse_map(columns: str, time: str) -> tuple[tuple[Column, ...], str]:
     """Understand ``--columns`` and ``--time``; SettingsError where they can't be meant so."""
     time = time if '%' in time else plain_unit(time)
-    understood, times = [], [time]
+    understood: list[Column] = []
     for entry in filter(None, map(str.strip, re.split(r',(?=\s*\w+=)', columns))):
         match = _ENTRY.fullmatch(entry)
         if match is None:
@@ -126,9 +126,7 @@ def parse_map(columns: str, time: str) -> tuple[tuple[Column, ...], str]:
                 f'reference_force_x and linear_acceleration_x are; got {entry!r}.'
             )
         unit = plain_unit(match['unit'] or '')
-        if ours.channel == STAMP:
-            times.append(unit)
-        elif unit and unit not in units_of(ours.channel):
+        if ours.channel != STAMP and unit and unit not in units_of(ours.channel):
             allowed = ', '.join(units_of(ours.channel))
             raise SettingsError(
                 f'{match["ours"]} may be in {allowed}, or have a factor: *0.1; got {entry!r}.'
@@ -138,7 +136,7 @@ def parse_map(columns: str, time: str) -> tuple[tuple[Column, ...], str]:
         said = '' if ours.unit == 'C' else ours.unit
         understood.append(Column(match['theirs'].strip(), ours.channel, unit or said, factor))
     forms = {*TIME_UNITS_NS, *units.DAYS_TO_1970, units.TIMEDELTA, 'iso', ''}
-    for word in times:
+    for word in (time, *(column.unit for column in understood if column.channel == STAMP)):
         if word not in forms and '%' not in word:
             raise SettingsError(
                 f'A time is {", ".join(TIME_UNITS_NS)}, iso, excel, datenum, timedelta, or a '
