@@ -12,7 +12,7 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.column_map import parse_map
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.recordings.read_options import Excerpt, parse_options
+from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.units import known_unit
 
 ROWS = 3600
@@ -103,9 +103,9 @@ def test_a_bump_is_left_out_and_named_by_the_files_own_time(logs, run):
 
 
 def test_a_part_is_chosen_in_every_way_of_writing_a_time(logs, run):
-    parts = Excerpt(4800, 5400, ((4800, 4860),))
     said = Topics(begin='80min', end='1.5h', exclude=('1:20:00..81min',))
-    assert parse_options(said).excerpt == parts
+    options = parse_options(said)
+    assert (options.begin_s, options.end_s, *options.excluded_s) == (4800, 5400, (4800, 4860))
     part = Topics(columns=GIVEN[1], begin='600', end='0:30:00', exclude=('700..800',))
     recording = read_recording(logs[0], topics=part)
     assert recording.duration_s == pytest.approx(1201, abs=1)

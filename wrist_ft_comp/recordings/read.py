@@ -291,7 +291,7 @@ def read_opened(
         source.require()
     first_ns: list[int] = []
     recording = grid_samples(
-        source.options.excerpt.select(source.samples(progress), source.name, first_ns),
+        source.options.select(source.samples(progress), source.name, first_ns),
         name=source.name, period_s=period_s, max_bad_share=max_bad_share,
         of_bag=isinstance(source, OpenBag))  # fmt: skip
     sensor, said = source.sensor, {'temperature_topics': source.options.topics.temperatures}

@@ -28,10 +28,18 @@ MAP_FILE = 'recording.yaml'
 
 
 @dataclass(frozen=True)
-class Excerpt:
-    """What of a recording counts."""
+class ReadOptions:
+    """What was said of a recording, understood."""
 
-    #: Seconds since the first stamp of the file.
+    #: As it was said; of a table with what ``recording.yaml`` beside it says.
+    topics: Topics = field(default_factory=Topics)
+    #: What ``--columns`` says; their places are not known yet.
+    columns: tuple[Column, ...] = ()
+    #: What ``--time`` says: a unit, iso, a form of strptime; empty where nothing was said.
+    time: str = ''
+    #: Who said so.
+    source: str = '--columns'
+    #: What counts begins and ends here, s since the first stamp of the file.
     begin_s: float = -math.inf
     end_s: float = math.inf
     #: Beginning and end of stretches whose wrenches are left out; temperatures go on.
@@ -81,21 +89,6 @@ def _seconds(text: str) -> float:
     raise SettingsError(f'A time is written 4800, 80min, 1.5h or 1:20:00; got {text!r}.')
 
 
-@dataclass(frozen=True)
-class ReadOptions:
-    """What was said of a recording, understood."""
-
-    #: As it was said; of a table with what ``recording.yaml`` beside it says.
-    topics: Topics = field(default_factory=Topics)
-    #: What ``--columns`` says; their places are not known yet.
-    columns: tuple[Column, ...] = ()
-    #: What ``--time`` says: a unit, iso, a form of strptime; empty where nothing was said.
-    time: str = ''
-    #: Who said so.
-    source: str = '--columns'
-    excerpt: Excerpt = field(default_factory=Excerpt)
-
-
 def parse_options(topics: Topics, source: str = '--columns') -> ReadOptions:
     """Understand what was said; SettingsError where it can't be meant so."""
     columns, time = parse_map(topics.columns, topics.time)
@@ -110,8 +103,7 @@ def parse_options(topics: Topics, source: str = '--columns') -> ReadOptions:
     for first_s, last_s in (*excluded_s, (begin_s, end_s)):
         if not first_s < last_s:
             raise SettingsError(f'A part ends after it begins; got {first_s:g} to {last_s:g} s.')
-    excerpt = Excerpt(begin_s, end_s, tuple(excluded_s))
-    return ReadOptions(topics, columns, time, source, excerpt)
+    return ReadOptions(topics, columns, time, source, begin_s, end_s, tuple(excluded_s))
 
 
 def options_beside(table: Path, topics: Topics) -> ReadOptions:
