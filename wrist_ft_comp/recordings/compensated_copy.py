@@ -36,8 +36,8 @@ def rewrite_recording(
     A table becomes a CSV recording with this package's columns and units; a bag stays a bag and
     gets the corrected wrench on a topic of its own, OUTPUT. The target must not exist;
     for a bag it is a folder, not compressed. ``correct`` gets consecutive pieces, NaN for absent
-    axes. RecordingError when the source cannot be read or the target cannot be made; a failure
-    leaves nothing behind.
+    axes, which it leaves NaN. RecordingError when the source cannot be read or the target cannot
+    be made; a failure leaves nothing behind.
     """
     source, target, topics = Path(source), Path(target), topics or Topics()
     copy = check_copy(source, topics, target)
@@ -102,15 +102,10 @@ def _write_table(
     channels = [column.channel for placed in source.columns for column in placed.channels]
     empty = [*(name for name in source.names if name.startswith(ORIGIN)), COMPENSATED]
     for number, rows in enumerate(source.rows(progress)):
-        stamps_ns = rows[STAMP_NS].to_numpy()
         # Of tables that are joined, each fills its own columns.
         frame = rows.reindex(columns=[STAMP_NS, *channels, *empty])
-        wrench = frame.reindex(columns=AXES).to_numpy(float, copy=True)
-        absent = np.isnan(wrench)
-        filled = ~absent.all(axis=1)
-        if filled.any():
-            wrench[filled] = correct(stamps_ns[filled], wrench[filled])
-        wrench[absent] = np.nan
+        raw = frame.reindex(columns=AXES).to_numpy(float)
+        wrench = correct(frame[STAMP_NS].to_numpy(), raw)
         for axis in {*AXES} & {*channels}:
             frame[axis] = wrench[:, AXES.index(axis)]
         frame.to_csv(target, mode='a', index=False, header=not number, lineterminator='\n')
