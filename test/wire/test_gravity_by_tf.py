@@ -132,4 +132,3 @@ def test_directions_count_where_gravity_moved():
     force = Rotation.from_rotvec(np.linspace([0, 0, 0], [1, 0, 0], 50)).apply([0, 0, 2 * GRAVITY])
     assert directions_of(force) == 2
     assert directions_of(force[:1]) == 0
-    assert directions_of(np.full((3, 3), np.nan)) is None

@@ -321,14 +321,12 @@ def next_commands(summary: RecordingSummary, path: Path) -> list[str]:
     return [shlex.join(calibrate), shlex.join(evaluate), run_command(topics, model)]
 
 
-def directions_of(force: FloatArray) -> int | None:
-    """Count the directions along which specific force, (n, 3), moved; None without samples."""
+def directions_of(force: FloatArray) -> int:
+    """Count the directions along which specific force, (n, 3), moved."""
     force = force[np.isfinite(force).all(axis=1)]
-    if not len(force):
-        return None
-    norm = float(np.sqrt(np.mean(np.sum(force**2, axis=1))))
+    norm = np.sqrt(np.mean(np.sum(force**2, axis=1)))
     moved = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(force.T, bias=True)), 0))
-    return int(np.sum(moved * (GRAVITY / norm if norm else 0.0) > CONTRAST))
+    return int(np.sum(moved * GRAVITY / norm > CONTRAST))
 
 
 def _recording_lines(
