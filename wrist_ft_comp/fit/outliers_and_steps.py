@@ -91,6 +91,9 @@ def begin_where_tared(
     drifts = reference != 'payload' and find_plateaus(recordings) is None
     for recording in recordings if drifts else ():
         at = np.flatnonzero(np.isfinite(recording.wrench).any(axis=1))
+        if not len(at):  # every axis of it was left out
+            begun.append(recording)
+            continue
         pauses_s, usual_s = (
             cells * recording.period_s for cells in (np.diff(at), _cells_apart(at))
         )
