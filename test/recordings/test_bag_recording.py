@@ -59,7 +59,7 @@ def write(tmp_path, messages):
 
     def make(*rows):
         kinds = {True: messages.wrench_type, False: messages.temperature_type}
-        parts = [(topic, kinds['wrench' in topic], 0, content) for topic, content in rows]
+        parts = [(t, kinds['wrench' in t], *(at or [0]), content) for t, content, *at in rows]
         return messages.write(tmp_path / 'few', parts)
 
     return make
@@ -92,11 +92,10 @@ def test_messages_that_are_no_wrenches_are_refused(write, messages, is_cut, sent
 
 
 def test_a_part_is_counted_from_the_first_message_with_a_stamp(write, messages):
-    second = 1_000_000_000
-    times = range(1000 * second, 1100 * second, second)
+    times = range(1000 * 10**9, 1100 * 10**9, 10**9)
     path = write(
-        *(('/wrench_raw', messages.wrench(at, range(6))) for at in (0, *times)),
-        *(('/temperature', messages.temperature(at, 20.0)) for at in times for _ in range(2)),
+        *(('/wrench_raw', messages.wrench(at, range(6)), at) for at in times[10:]),
+        *(('/temperature', messages.temperature(at, 20.0), at) for at in (0, *times)),
     )
     assert len(read_recording(path, topics=Topics(begin='60'))) == 40
 

@@ -20,6 +20,7 @@ def columns():
     table = {name: 20 + rng.standard_normal(ROWS) for name in (*names, 'reference_force_z')}
     for name in ('torque_y', 'temperature_2_c', 'reference_force_z'):
         table[name][rng.uniform(size=ROWS) < 0.7] = np.nan
+    table['force_x'][:9] = np.nan
     return {'stamp_ns': STAMPS, **table, 'note': np.full(ROWS, 'x')}
 
 
@@ -27,7 +28,7 @@ def assert_same(one, other):
     for fact in ('name', 'period_ns', 'first_cell'):
         assert getattr(one, fact) == getattr(other, fact)
     assert sorted(one.warnings) == sorted(other.warnings)
-    for array in ('temperature_c', 'measured', 'wrench', 'reference'):
+    for array in ('temperature_c', 'measured', 'wrench', 'reference', 'origin_ns'):
         np.testing.assert_allclose(getattr(one, array), getattr(other, array), rtol=1e-13)
 
 
@@ -35,13 +36,14 @@ def test_columns_give_the_recording_of_a_csv_file_that_holds_them(columns, make,
     path = make.csv(tmp_path / 'table', columns)
     for period_s in (0.5, 10.0):
         read = read_recording(path, period_s=period_s)
+        assert read.origin_ns == STAMPS[0]
         assert_same(recording_from_columns(columns, period_s=period_s), read)
 
 
 def test_channels_may_come_in_tables_of_their_own(columns):
-    whole = recording_from_columns(columns)
     parts = [{'stamp_ns': STAMPS, name: columns[name]} for name in columns if name != 'stamp_ns']
-    assert_same(recording_from_columns(*parts), whole)
+    parts[0] = {name: values[9:] for name, values in parts[0].items()}
+    assert_same(recording_from_columns(*parts), recording_from_columns(columns))
     with pytest.raises(RecordingError, match='table has force_z in two tables'):
         recording_from_columns(GOOD, {'stamp_ns': STAMPS, 'force_z': np.ones(ROWS)})
 

@@ -121,6 +121,7 @@ def test_tf_gives_gravity_in_the_frame_of_the_wrench(robot, storage, rate, toler
     cells = range(END)
     force, speed = recording.specific_force[:END], recording.rotation_speed[:END]
     np.testing.assert_allclose(force, means(cells, true_force), atol=tolerance)
+    assert recording.origin_ns == stamps(0.05), 'TF begins earlier'
     expected = np.sqrt(means(cells, true_square_speed))
     expected[REST] = speed[REST]  # the step in which it stops ends there
     np.testing.assert_allclose(speed, expected, atol=0.02)
@@ -130,9 +131,8 @@ def test_tf_gives_gravity_in_the_frame_of_the_wrench(robot, storage, rate, toler
 def test_one_transform_that_is_stamped_ahead_costs_no_force(robot, monkeypatch, ahead_s):
     monkeypatch.setattr(bag_file, 'BATCH', 100)
     moving = list(robot.moving(np.arange(0, END + 0.1, 0.01)))
-    at = moving[320][2]
     ((*_, ahead),) = robot.moving([3.2 + ahead_s])
-    moving[320] = '/tf', TF, at, ahead
+    moving[320] = *moving[320][:3], ahead
     path = robot.write(robot.still(), moving, robot.wrenches())
     force = read_recording(path, topics=BY_TF).specific_force[:END]
     np.testing.assert_allclose(force, means(range(END), true_force), atol=0.05)
@@ -142,8 +142,7 @@ def test_tf_may_lie_in_one_namespace_and_lose_a_frame(robot):
     gripped = robot.moving(np.arange(0, REST, 0.05), more=[('tool', 'finger', [0, 0, 0, 1])])
     parts = robot.still(), gripped, robot.moving(np.arange(REST, END + 0.1, 0.05))
     inside = [(f'/left{topic}', *rest) for part in parts for topic, *rest in part]
-    one = robot.write(inside, robot.wrenches())
-    force = read_recording(one, topics=BY_TF).specific_force
+    force = read_recording(robot.write(inside, robot.wrenches()), topics=BY_TF).specific_force
     np.testing.assert_allclose(force[:END], means(range(END), true_force), atol=0.02)
     others = [(topic.replace('left', 'right'), *rest) for topic, *rest in inside]
     both = robot.write(inside, others, robot.wrenches(), name='both')

@@ -87,15 +87,14 @@ class Bag:
     def grouped(
         self, ids: Container[int], progress: Progress | None = None
     ) -> Iterator[tuple[int, list[int], list[bytes]]]:
-        """Read batches by the ids of connections: the id, times of arrival, ns, and bytes."""
+        """Read batches by connections, as they begin: the id, times of arrival, ns, and bytes."""
         wanted = [c for c in self.connections if c.id in ids]
         for batch in self.batches(wanted, progress):
-            groups: dict[int, list[Message]] = {c.id: [] for c in wanted}
+            groups = defaultdict[int, list[Message]](list)
             for message in batch:
                 groups[message[0].id].append(message)
             for number, group in groups.items():
-                if group:
-                    yield number, [ns for _, ns, _ in group], [data for _, _, data in group]
+                yield number, [ns for _, ns, _ in group], [data for _, _, data in group]
 
     def first(self, connection: Connection) -> bytes:
         """Read the first message of a connection; nothing when there is none."""
@@ -172,8 +171,6 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
     streams = {stream.connection.id: stream for stream in _streams(bag, topics)}
     #: Of the temperatures that are fields, those that gave no number yet.
     silent = {channel: stream for stream in streams.values() for channel in stream.sources}
-    if topics.gravity_frame:
-        yield from gravity_samples(bag, topics)
     for number, arrived_ns, messages in bag.grouped(streams, progress):
         stream = streams[number]
         connection = stream.connection
@@ -228,6 +225,9 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
                 'compared with their arrival, which counts where there is no stamp; all drivers '
                 'must use one clock. Set it, and record again.'
             )
+    # Last: times count from the same stamp with it and without.
+    if topics.gravity_frame:
+        yield from gravity_samples(bag, topics)
 
 
 def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:

@@ -190,9 +190,12 @@ class OpenTable:
             raise RecordingError(self.propose().refusal(self.name, self.names, lacking))
 
     def rows(self, progress: Progress | None = None) -> Iterator[Rows]:
-        """Read all rows of the columns that are used, one table after the other."""
+        """Read all rows of the columns that are used, one table after the other, as they begin."""
         self.require(STAMP)
-        for table, placed in zip(self.tables, self.columns, strict=True):
+        pairs = [*zip(self.tables, self.columns, strict=True)]
+        if len(pairs) > 1:
+            pairs.sort(key=lambda pair: next(pair[0].rows(pair[1]))[STAMP_NS].tolist()[:1])
+        for table, placed in pairs:
             yield from table.rows(placed, progress)
 
     def samples(self, progress: Progress | None = None) -> Iterator[Samples]:

@@ -51,7 +51,8 @@ class ReadOptions:
         """
         Leave out what does not count; SettingsError where nothing is left of a recording.
 
-        The first stamp of all, from which times count, is put into ``first_ns``.
+        Blocks come as they begin, but those of TF last. The first stamp of all, from which times
+        count, is put into ``first_ns``.
         """
         lasts_s = 0.0
         #: Whether a sample was left, by what came.

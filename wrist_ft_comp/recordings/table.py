@@ -400,8 +400,9 @@ def _goes_on(sheet: Any, following: Any) -> bool:
     return bool(next(later, False))
 
 
-def samples_of(rows: Rows) -> Iterator[Samples]:
-    """Make blocks of samples; a group of channels is split where a row holds a part of it."""
+def samples_of(rows: Rows) -> list[Samples]:
+    """Make blocks of samples, as they begin; a group is split where a row holds a part of it."""
+    blocks = list[Samples]()
     alone = [(channel,) for channel in rows if channel.startswith('temperature')]
     for whole in (AXES, *alone, *GROUPS[1:]):
         group = tuple(channel for channel in whole if channel in rows)
@@ -411,4 +412,5 @@ def samples_of(rows: Rows) -> Iterator[Samples]:
         together = (filled == filled[:, :1]).all()
         for channels in [group] if together else [(channel,) for channel in group]:
             at, block = rows[channels[0]].notna().to_numpy(), rows[[*channels]].to_numpy()
-            yield Samples(channels, rows[STAMP_NS].to_numpy()[at], block[at])
+            blocks.append(Samples(channels, rows[STAMP_NS].to_numpy()[at], block[at]))
+    return sorted(blocks, key=lambda samples: samples.stamps_ns[:1].tolist())
