@@ -117,7 +117,7 @@ FORMS = {
     'units and statistics': lines(above='"TOA5","CR1000"\nt,Fz,T\nTS,N,Deg C\n,Avg,Smp'),
     'missing ones': lines() + '6,NaN,N/A\n7,-,---\n8,null,\n9, ,  \n,,\n\n',
     'headers of segments': lines(above='Date,5/3,5/3\nt,Fz,T') + 'Date,6/3,6/3\nt,Fz,T\n\n',
-    'a word before all': 'FT,' + lines(end='\nFT,') + ',,\n\n',
+    'a word before all': ('FT,' + lines(end='\nFT,') + ',,\n\n').replace('FT,3', 'mean,3'),
     'a text column': 't,Fz,note,T\n' + ''.join(
         f'{t},{force},"{note}",{reading}\n'
         for (t, force, reading), note in zip(

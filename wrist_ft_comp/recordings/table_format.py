@@ -108,6 +108,8 @@ class Header:
     units: Mapping[int, str] = field(default_factory=dict)
     #: What lines above the rows begin with, and rows do not; some recorders repeat them.
     words_above: frozenset[str] = frozenset()
+    #: Place of the first cell that has a value in most rows, such as a time; in statistics none.
+    first_value: int = 0
     #: What lines above say of 'force' and 'torque', as a map has it behind a column: *1e-06:N.
     said: Mapping[str, str] = field(default_factory=dict)
     #: A line above that tells of another unit than N and N m, or of a scale, but not of whose.
@@ -130,7 +132,8 @@ class Header:
     def is_sample(self, row: Sequence[str]) -> bool:
         """Whether a row is neither empty, nor a header that is repeated, nor statistics."""
         first = next(filter(None, row), '')
-        is_told = first.lower().rstrip(':') in _STATISTICS
+        begins = filter(None, row[: self.first_value + 1])
+        is_told = first.lower().rstrip(':') in _STATISTICS and not any(map(_is_value, begins))
         return bool(first) and not is_told and first not in self.words_above
 
     def is_other(self, row: Sequence[str]) -> bool:
@@ -238,7 +241,7 @@ def find_header(as_written: Sequence[str], columns_before: int, table: str) -> H
     counts = {word.lower(): f'*{1 / float(n):g}' for word, n in _COUNTS_LINE.findall(text)}
     return Header(
         delimiter=delimiter, width=width, lines_above=first, names=tuple(names), told=told,
-        columns_before=columns_before, replaced=tuple(replaced),
+        columns_before=columns_before, replaced=tuple(replaced), first_value=min(must, default=0),
         units={place: unit.strip('()') for place, unit in enumerate(said_units) if unit},
         words_above=frozenset(word for word in begins[:first] if not _is_value(word)) - of_rows,
         said={
