@@ -117,7 +117,7 @@ class Robot:
     frozen_m_s2, tilted = (0.0, 0.0, GRAVITY), 0.0
     #: Unit of the driver, how often it was started, and its frame.
     unit, driver, publishers, frame = 1.0, 1, 1, OWN_FRAME
-    #: Whether the disk is full, how many hold the robot still, whether it touches; turn by TF, rad.
+    #: Whether the disk is full, how many hold it still, whether it touches; turn by TF, rad.
     full, held_still, touches, tilt = False, 0, False, 0.0
     #: What is held, and what the operator said so.
     held: Payload | None = None
