@@ -109,7 +109,7 @@ def driver_zeroed(robot: Robot, *, cycles: int = 1) -> Iterator[float]:
             yield 5.0
         robot.held_still, robot.fast_until_s = robot.held_still + 1, robot.elapsed_s + 10
         yield 4.0
-        robot.bias[:] -= robot.frozen_n if robot.node else 0.0
+        robot.bias[:] -= robot.frozen_n - robot.noise if robot.node else 0.0
         yield 4.0
         robot.held_still -= 1
 

@@ -325,8 +325,8 @@ class Robot:
             self._send_force(*force) if self.gravity == 'imu' else self._send_tf()
         for j in range(self.thermometers if is_second else 0):
             self._send_temperature(j, second)
-        self._noise = self.rng.normal(0, 1, 6) * NOISE
-        self._send_wrench(ZERO + self.bias + self._drift[second] + self._load + self._noise)
+        self.noise = self.rng.normal(0, 1, 6) * NOISE
+        self._send_wrench(ZERO + self.bias + self._drift[second] + self._load + self.noise)
         self.node.housekeep()
         if is_second:
             self.node._diagnose()
@@ -411,7 +411,7 @@ class Robot:
 
     def errors(self) -> dict[str, FloatArray]:
         """Give by how much each output is off, N and N m, (6,); infinitely where there is none."""
-        noise = self.unit * self.turn @ self._noise
+        noise = self.unit * self.turn @ self.noise
         true = {'wrench': (self._out, self._load - self._tared)}
         if self.named is not None and self.gravity != 'none':
             true['wrench_external'] = self._external, self.push() - self.pushed

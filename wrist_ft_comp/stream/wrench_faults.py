@@ -37,7 +37,7 @@ _LOADED_N = 3.0
 #: A load at rest scatters by less than this, N.
 _REST_N = 0.5
 #: A sensor that was zeroed just now reads less than this, N, and what its noise makes of it.
-_ZERO_N = 0.05
+_ZERO_N = 0.02
 
 
 def unusable(raw: Sequence[float], before: Sequence[float]) -> float | None:
@@ -158,10 +158,12 @@ class SensorWatch:
         jumped = (np.abs(means[0] - means[1]) > off).any()
         if jumped and near_now and not rested_near and (np.abs(drift + tare) > 2 * off).any():
             return 'jumped to zero on all axes at once'
-        if (np.abs(means) < axis_limits(_ZERO_N) + uncertain).all():
+        zero = axis_limits(_ZERO_N) + uncertain
+        if (np.abs(means) < zero).all():
             if np.isnan(self._at_zero).all():
                 self._at_zero = drift
-            if (np.abs(drift - self._at_zero) > off).any():
+            moved = np.abs(drift - self._at_zero) - zero
+            if (moved > np.where(np.isnan(deviation), off, _CERTAIN * deviation)).any():
                 return 'rests at zero again on all axes, though drift has moved it since'
         return ''
 
