@@ -112,6 +112,8 @@ def driver_zeroed(robot: Robot, *, cycles: int = 1) -> Iterator[float]:
         robot.bias[:] -= robot.frozen_n - robot.noise if robot.node else 0.0
         yield 4.0
         robot.held_still -= 1
+    if cycles > 1:
+        yield from robot.tare()
 
 
 def driver_in(unit: float, turn: Any, frame: bytes) -> Script:

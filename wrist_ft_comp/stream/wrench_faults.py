@@ -79,8 +79,8 @@ class SensorWatch:
         self._returned: BoolArray = np.zeros(len(AXES), np.bool_)
         #: The readings of the last two seconds.
         self._lately: deque[FloatArray] = deque(maxlen=2 * _RUN_LOOKS)
-        #: The drift when a reading rested near zero last, and when one rested at zero first, since
-        #: a tare; and that tare, N and N m.
+        #: The drift when a reading first rested near zero, and at zero, since a tare; and that
+        #: tare, N and N m.
         self._near_zero, self._at_zero, self._tare = np.full((3, len(AXES)), np.nan)
         #: Share of the last looks that showed a new value, per axis.
         self._lively: FloatArray = np.zeros(len(AXES))
@@ -151,20 +151,19 @@ class SensorWatch:
         # Zeros to the last bit are those of a broken sensor.
         if not (rests.all() and scatter[1].any()):
             return ''
-        near_before, near_now = (np.abs(means) < off).all(axis=1)
-        if near_before and near_now:
-            self._near_zero = drift
-        rested_near = (np.abs(drift - self._near_zero) < off).all()
-        jumped = (np.abs(means[0] - means[1]) > off).any()
-        if jumped and near_now and not rested_near and (np.abs(drift + tare) > 2 * off).any():
-            return 'jumped to zero on all axes at once'
+        # What is at zero to the noise of a second shows smaller steps than what is near it.
         zero = axis_limits(_ZERO_N) + uncertain
-        if (np.abs(means) < zero).all():
-            if np.isnan(self._at_zero).all():
-                self._at_zero = drift
-            moved = np.abs(drift - self._at_zero) - zero
-            if (moved > np.where(np.isnan(deviation), off, _CERTAIN * deviation)).any():
+        least = np.where(np.isnan(deviation), off, _CERTAIN * deviation) + 2 * zero
+        for near, far, rested in ((off, 2 * off, self._near_zero), (zero, least, self._at_zero)):
+            before, now = (np.abs(means) < near).all(axis=1)
+            jumped = (np.abs(means[0] - means[1]) > near).any()
+            moved = np.abs(drift - rested)  # NaN where it never rested there
+            if now and jumped and (np.abs(drift + tare) > far).any() and not (moved < far).all():
+                return 'jumped to zero on all axes at once'
+            if now and before and (moved > far).any():
                 return 'rests at zero again on all axes, though drift has moved it since'
+            if now and before and np.isnan(rested).all():
+                rested[:] = drift
         return ''
 
     @property
