@@ -90,7 +90,7 @@ class WrenchInput(Part):
         self._sound_s, self._unsound = time.monotonic(), False
         #: The first frame_id, and those of the last two seconds.
         self._frame, self._frames = '', RecentFrames(WRENCH_DOUBLES)
-        #: Standard deviation of the model, N and N m, (6,), NaN where there is none.
+        #: A third of what the model may be off, N and N m, (6,), NaN where there is none.
         self._deviation: FloatArray = np.full(len(AXES), np.nan)
         self._growth = Growth()
 
@@ -189,7 +189,8 @@ class WrenchInput(Part):
         counts, sensor, stream = self._counts, self.sensor, self._compensator
         topic = self.hub.resolve_topic_name('wrench_raw')
         if stream.model is not None and stream.tracker.temperature_c is not None:
-            self._deviation = stream.deviation
+            day = [stream.model.day_limits.get(axis, math.nan) for axis in AXES]
+            self._deviation = np.fmax(stream.deviation, np.array(day) / 3)
         ends = self.note_drivers()
         grown, elapsed_s = self._growth.since(wrenches=counts.wrenches, dropped=counts.dropped)
         rate_hz = grown['wrenches'] / elapsed_s

@@ -79,8 +79,8 @@ class SensorWatch:
         self._returned: BoolArray = np.zeros(len(AXES), np.bool_)
         #: The readings of the last two seconds.
         self._lately: deque[FloatArray] = deque(maxlen=2 * _RUN_LOOKS)
-        #: The drift when a reading first rested near zero, and at zero, since a tare; and that
-        #: tare, N and N m.
+        #: What a reading that first rested near zero, and at zero, since a tare showed without
+        #: drift; and that tare, N and N m.
         self._near_zero, self._at_zero, self._tare = np.full((3, len(AXES)), np.nan)
         #: Share of the last looks that showed a new value, per axis.
         self._lively: FloatArray = np.zeros(len(AXES))
@@ -157,13 +157,13 @@ class SensorWatch:
         for near, far, rested in ((off, 2 * off, self._near_zero), (zero, least, self._at_zero)):
             before, now = (np.abs(means) < near).all(axis=1)
             jumped = (np.abs(means[0] - means[1]) > near).any()
-            moved = np.abs(drift - rested)  # NaN where it never rested there
+            moved = np.abs(means[1] - drift - rested)  # NaN where it never rested there
             if now and jumped and (np.abs(drift + tare) > far).any() and not (moved < far).all():
                 return 'jumped to zero on all axes at once'
             if now and before and (moved > far).any():
                 return 'rests at zero again on all axes, though drift has moved it since'
             if now and before and np.isnan(rested).all():
-                rested[:] = drift
+                rested[:] = means[1] - drift
         return ''
 
     @property
