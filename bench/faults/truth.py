@@ -78,7 +78,7 @@ class Oracle:
         )
         wrench, payload = np.maximum(3 * deviation, day) + 2 * NOISE, self._robot.named
         if any('zeroed' in kind for kind in self.open):  # found from here on (docs/reliability.md)
-            wrench = np.maximum(2 * wrench, np.repeat([0.4, 0.04], 3))
+            wrench = np.maximum(3 * wrench, np.repeat([0.4, 0.04], 3))
         # The weight that is subtracted has the noise of the IMU, which the tare has not.
         lever_m = 0.0 if payload is None else float(np.linalg.norm(payload.center_m))
         mass_kg = 0.0 if payload is None else payload.mass_kg
