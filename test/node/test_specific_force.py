@@ -98,12 +98,12 @@ def test_tf_gives_samples_where_all_transforms_are_there(start, messages, moving
 @pytest.mark.parametrize('source', ['tf', 'imu'])
 def test_by_tf_nothing_is_judged_in_a_swing_and_for_a_second_after_it(start, source):
     part, _ = start(source)
-    whole = []
+    calm = []
     for k, speed in enumerate([None, *[0.5] * 9, *[0.1] * 20, 0.3, 0.1]):
         part.on_specific_force(START + k * SECOND // 10, UP, speed)
-        whole.append(part.is_whole(START + k * SECOND // 10))
+        calm.append(part.is_calm(START + k * SECOND // 10))
     by_tf = [False] * 20 + [True] * 10 + [False] * 2
-    assert whole == (by_tf if source == 'tf' else [True] * 32)
+    assert calm == (by_tf if source == 'tf' else [True] * 32)
 
 
 @pytest.mark.usefixtures('ros_domain', 'tf_messages')

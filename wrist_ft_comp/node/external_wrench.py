@@ -128,8 +128,8 @@ class ExternalWrench(Part):
         if self.payload is not None and not is_silent(self.hub, self.compensator):
             self.output.publish(layout.encode(data, self.payload.taken_off(external, force)))
         if self.collector is not None and self.collector.share < 1:
-            whole = force if self.specific_force.is_whole(stamp_ns) else (math.nan,) * 3
-            self.collector.add(stamp_ns, external, whole, self.specific_force.speed)
+            felt = force if self.specific_force.is_calm(stamp_ns) else (math.nan,) * 3
+            self.collector.add(stamp_ns, external, felt, self.specific_force.speed)
 
     def weight_at(self, stamp_ns: int) -> list[float] | None:
         """Compute the payload's weight at a stamp, ns: N and N m; None where it is not known."""
@@ -233,7 +233,7 @@ class ExternalWrench(Part):
         if before is not None:
             change_n = weight_n - payload.weight(before)[:3]
             yield from filter(None, [self._lag_check.look(rest_n, weight_n, change_n)])
-        if not self.specific_force.is_whole(stamp_ns):
+        if not self.specific_force.is_calm(stamp_ns):
             return
         self.check.add(wrench, weight)
         off_n = self._tare_check.off_n(time.monotonic(), rest_n, weight_n)

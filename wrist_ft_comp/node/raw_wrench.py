@@ -162,8 +162,8 @@ class WrenchInput(Part):
         if compensator.tared and (is_new := is_there & (compensator.tare == 0)).any():
             axes = ', '.join(AXES[i] for i in np.flatnonzero(is_new))
             compensator.doubt_zero(f'{axes} read nothing, or 0, at the tare; call ~/tare')
-        how = self.sensor.zeroed(drift, tare, self._deviation)
-        if how and not compensator.lasting_doubts:
+        doubts = compensator.lasting_doubts
+        if not doubts and (how := self.sensor.zeroed(drift, tare, self._deviation)):
             compensator.doubt_zero(
                 f'the raw wrench {how}: a program or the driver may have zeroed the sensor, or a '
                 'load was let go that had been tared; call ~/tare, and let programs call that'

@@ -11,6 +11,7 @@ from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.payload.motion_collector import CALM_RAD_S, CALM_S
 from wrist_ft_comp.payload.weight import Force, ForceFrame, FrameIds
 from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.parameters import at_start
@@ -28,9 +29,6 @@ _STEP_NS = 10_000_000
 #: A frame that turns faster than this, rad/s, was moved on the robot: three times as fast
 #: as the fastest wrists. Orientations are 10 ms apart at least, so that is a turn by 17 degrees.
 _LEAP_RAD_S = 30.0
-#: TF shows no acceleration. Where the wrench turned slower than this, rad/s, for this time, s,
-#: what an arm of 1 m adds is some per cent of the weight.
-_CALM_RAD_S, _CALM_S = 0.2, 1.0
 #: Where TF was away, or a static transform came again, a turn by more than this, degrees, may be
 #: one of the frame on the robot.
 _UNSEEN_DEG = 3.0
@@ -126,7 +124,7 @@ class SpecificForceInput(Part):
         self.forces = RecentForces(chosen['gravity.timeout'])
         #: Speed of rotation at the newest of them, rad/s; NaN where it is not known.
         self.speed = math.nan
-        #: When TF showed a faster turn than _CALM_RAD_S last, or one that is not known, ns.
+        #: When TF showed a faster turn than CALM_RAD_S last, or one that is not known, ns.
         self._turned_ns = 0
         #: Messages that could not be read, or held no numbers.
         self.unreadable = 0
@@ -169,12 +167,12 @@ class SpecificForceInput(Part):
         """Keep one specific force, m/s², and its speed of rotation, rad/s."""
         self.forces.add(stamp_ns, force)
         self.speed = math.nan if speed is None else speed
-        is_calm = self.source != 'tf' or self.speed < _CALM_RAD_S
-        self._turned_ns = min(self._turned_ns, stamp_ns) if is_calm else stamp_ns
+        turns = self.source == 'tf' and not self.speed < CALM_RAD_S
+        self._turned_ns = stamp_ns if turns else min(self._turned_ns, stamp_ns)
 
-    def is_whole(self, stamp_ns: int) -> bool:
-        """Whether specific force at a stamp, ns, may be judged, or learnt from: not in a swing."""
-        return stamp_ns - self._turned_ns > _CALM_S * NANOSECONDS
+    def is_calm(self, stamp_ns: int) -> bool:
+        """Whether specific force at a stamp, ns, is all there is: by TF not in a swing."""
+        return stamp_ns - self._turned_ns > CALM_S * NANOSECONDS
 
     def frames(self) -> FrameIds:
         """

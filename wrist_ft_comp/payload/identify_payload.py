@@ -14,6 +14,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload import mounted_payloads
 from wrist_ft_comp.payload.accelerometer_calibration import fit_norm, OUTLIER_SHARE, turning_speed
 from wrist_ft_comp.payload.mass_and_center import CONTRAST, LEVER_M
+from wrist_ft_comp.payload.motion_collector import CALM_RAD_S
 from wrist_ft_comp.payload.mounted_payloads import Cells, COUNTS, FASTEST, Fit
 from wrist_ft_comp.payload.weight import ForceFrame, Payload, SAME_SHARE
 from wrist_ft_comp.series import FloatArray
@@ -55,7 +56,7 @@ def identify(
     if slow.sum() * period_s < _LEAST_SLOW_S:
         raise CalibrationRefusedError(
             f'For {slow.sum() * period_s:.0f} s only did wrench and gravity arrive while the tool '
-            f'turned slower than {FASTEST:g} rad/s (by TF 0.2 rad/s, and for a second before); '
+            f'turned slower than {FASTEST:g} rad/s (by TF {CALM_RAD_S:g}, also a second before); '
             f'at least {_LEAST_SLOW_S:.0f} s are needed. Move more slowly, or rest two seconds in '
             'every pose, and look whether the specific force at rest is about 9.8 m/s².'
         )

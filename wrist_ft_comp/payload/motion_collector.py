@@ -9,6 +9,9 @@ from wrist_ft_comp.series import NANOSECONDS
 DURATION_S = 60.0
 #: Length of a cell, over which wrenches are averaged, s.
 CELL_S = 0.25
+#: TF shows no acceleration. Where the tool turned slower than this, rad/s, for this time, s, what
+#: an arm of 1 m adds is some per cent of the weight.
+CALM_RAD_S, CALM_S = 0.2, 1.0
 
 
 class MotionCollector:

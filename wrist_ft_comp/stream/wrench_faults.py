@@ -128,9 +128,8 @@ class SensorWatch:
         It jumps to zero on all axes between two looks, a second ago, where drift and tare, N and
         N m, (6,), say that a free sensor reads something else. Not where it rested there before,
         as with a tool in one pose: a load was let go. Where a program zeroes in each cycle, no
-        jump is large; but it rests at zero again, though drift has moved since.
-
-        ``deviation`` is that of the model, NaN where there is none.
+        jump is large; but it rests at zero again, though drift has moved since. ``deviation`` is
+        a third of what the model may be off, NaN where there is none.
         """
         if len(self._lately) < 2 * _RUN_LOOKS:
             return ''
