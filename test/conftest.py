@@ -12,7 +12,6 @@ from types import SimpleNamespace
 
 from hypothesis import settings
 import numpy as np
-import pandas
 import pytest
 
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS
@@ -127,6 +126,8 @@ def make_working_day(make_recording, warm_up):
 
 def _write_table(path, columns):
     """Write columns by name as a CSV file; None and NaN become empty cells."""
+    import pandas  # noqa: PLC0415 -- only who needs it
+
     pandas.DataFrame(columns).to_csv(path, index=False)
     return path
 

@@ -134,7 +134,7 @@ def compensated(model_path, rows, folder):
 
 
 @settings(
-    max_examples=12,
+    max_examples=8,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
     phases=[Phase.generate],  # to make an example smaller takes minutes

@@ -132,11 +132,10 @@ def test_one_that_stands_as_long_as_in_its_calibration_is_believed(
 
 
 def test_healthy_thermometers_are_not_doubted(learn, make_day):
-    for seed in (10, 11):
-        compensator, day = Compensator(3, model=learn(3).model), make_day(seed)
-        for k in range(0, CELLS, 3):
-            stream(compensator, day, k, k + 3)
-            assert frozen_doubts(compensator.tracker) == []
+    compensator, day = Compensator(3, model=learn(3).model), make_day(10)
+    for k in range(0, CELLS, 3):
+        stream(compensator, day, k, k + 3)
+        assert frozen_doubts(compensator.tracker) == []
 
 
 def test_one_that_is_coarse_and_misses_a_minute_at_rest_is_believed(learn, make_day):
