@@ -38,10 +38,13 @@ _LEARNING = {
     'learning.mode': 'propose', 'calibration.reference': 'payload', 'gravity.source': 'imu',
 }  # fmt: skip
 STATUSES = """\
-Statuses in `/diagnostics` (REP-107), each named `NODE: STATUS`. `AXIS` stands for `force_x` and so
-on. A model and the first messages bring further values: in `output` `AXIS_raw`, `AXIS_compensated`
-and `AXIS_drift_deviation`, the standard deviation of the drift that is subtracted.
+Statuses in `/diagnostics` (REP-107), each named `NODE: STATUS`. `AXIS` stands for `force_x` and
+so on. A model and the first messages bring further values: in `output` `AXIS_raw`,
+`AXIS_compensated` and `AXIS_drift_deviation`, the standard deviation of the drift that is
+subtracted; in `temperature` `thermometer_1_c`, and `…_believed_c` of one that is predicted; in
+`model` `file`, `sha256`, `axes` and `thermometer_1_calibrated_c`; in `payload` `AXIS_external`.
 `state` says where the drift comes from, after a restart, too, `turn` how the IMU is turned.
+`learning` is there unless its mode is off.
 """
 #: What the topics and services are for.
 PURPOSE = {

@@ -332,8 +332,8 @@ def survey(directory: Path) -> Diary:
     if not diary.days:
         raise RecordingError(
             diary.problem
-            or f'{directory} holds no days that were judged. A node with the parameter learning '
-            'set to propose or auto judges each day after its end.'
+            or f'{directory} holds no days that were judged. A node with the parameter '
+            'learning.mode set to propose or auto judges each day after its end.'
         )
     with suppress(ModelFileError):  # the days can be shown without it
         return replace(diary, history=tuple(NodeFolder(directory).history()))

@@ -237,8 +237,8 @@ class SpecificForceInput(Part):
             self._compensator.doubt_zero(
                 'by TF the frame of the wrench turned faster than a robot does, or while /tf '
                 'paused: if it was moved on the robot, perhaps by another TCP, then drift, '
-                'payload and tare are those of the frame before; go back to it, or call ~/tare. '
-                'If that does not help: do two nodes publish it?'
+                'payload and tare are those of the frame before; go back to it. If it was not '
+                'moved, call ~/tare, and look whether two nodes publish that frame.'
             )
         speed = float(turning) if math.isfinite(turning) else None
         self.hub.broadcast('on_specific_force', at_ns, (x, y, z), speed)
