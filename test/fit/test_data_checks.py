@@ -11,6 +11,7 @@ from wrist_ft_comp.fit.data_checks import (
     drop_stuck_cells,
     drop_unknown_temperatures,
     frozen_at_the_end,
+    idle_thermometers,
     jumping_thermometers,
 )
 
@@ -95,3 +96,23 @@ def test_a_thermometer_that_was_frozen_all_day_is_known_by_its_other_days(make_r
     assert not list(frozen_at_the_end([day('healthy', warm_up(CELLS, 3), coarse), sound]))
     # A coarse one keeps a value while nothing moves.
     assert drop_unknown_temperatures([sound, day('rest', still, still)])[1] == []
+
+
+def test_a_thermometer_that_stands_still_in_one_of_two_files_of_a_name_is_said(make_recording):
+    moving, still = np.linspace(20.0, 30.0, 60), np.full(60, 21.5)
+    days = [
+        make_recording(np.stack((moving, second), axis=1), {'force_z': 1.0}, name='log.csv')
+        for second in (still, moving)
+    ]
+    (said,) = idle_thermometers(days)
+    assert said == 'Thermometer 2 reads 21.5 °C all the time in log.csv. Check its topic.'
+
+
+def test_plateaus_that_no_temperature_explains_are_no_motion(make_recording):
+    """A chamber test whose load was called none: what is left is large, and nothing moved."""
+    level = np.repeat([0, 1, 2], 360)
+    read_n = np.array([0.0, 5.0, 0.0])[level] + np.random.default_rng(0).normal(0, 0.02, 1080)
+    raw = np.where(np.arange(1080) % 360 < 120, read_n, np.nan)
+    found = calibrate([make_recording(20.0 + 20.0 * level, {'force_z': raw}, period_s=10.0)])
+    assert found.fits['force_z'].rms_after > 1.0
+    assert not any('did the robot move' in said for said in found.warnings)

@@ -120,8 +120,6 @@ def test_an_impossible_job_is_a_sentence_and_changes_nothing(sensor, answers, tm
     broken = job_main.answer(job_of(sensor, 3, HistoryEntry(tmp_path / 'gone.yaml')))
     assert not broken['success']
     assert 'gone.yaml cannot be read' in broken['message']
-    none = job_main.answer(CalibrationJob((), tmp_path, history=()))
-    assert 'No day has ended' in none['message']
     assert diary_path(sensor).read_bytes() == before
 
 

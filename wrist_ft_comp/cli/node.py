@@ -114,8 +114,7 @@ def status_page(watch: 'Watch') -> Iterator[str | Table]:
         titles = [name.replace('drift_deviation', '± 1 σ') for name in names]
         yield ''
         yield terminal.table(['axis', 'unit', *titles], rows)
-    thermometers = [key.removesuffix('_age_s') for key in heard if key.endswith('_age_s')]
-    if thermometers:
+    if thermometers := [key.removesuffix('_age_s') for key in heard if key.endswith('_age_s')]:
         yield ''
         yield terminal.table(
             ['thermometer', 'now, °C', 'age, s', 'learnt at'],

@@ -75,10 +75,9 @@ class Operator:
             )
         if not wanted:  # others may be found later
             self.wait_for(lambda: False, 0.5)
-        if len(several := found()) > 1:
-            raise NodeError(
-                f'{len(several)} compensators run: {", ".join(several)}. Choose one with --name.'
-            )
+        if len(several := found()) != 1:  # none: it has ended meanwhile
+            names = ', '.join(several) or 'start one'
+            raise NodeError(f'{len(several)} compensators run: {names}. Choose one with --name.')
         return several[0]
 
     def introduce(self, name: str) -> None:

@@ -28,7 +28,7 @@ from wrist_ft_comp.recordings.bag import Bag, RAW_WRENCH, TEMPERATURE, TF
 from wrist_ft_comp.recordings.column_proposal import OPEN
 from wrist_ft_comp.recordings.read_options import MAP_FILE, parse_options, recipe
 from wrist_ft_comp.report.advice import run_command
-from wrist_ft_comp.report.report_content import drifts_removed, model_sources
+from wrist_ft_comp.report.report_content import drifts_removed, model_sources, RESOLVED
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, part_of, Progress, rounded
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
@@ -37,8 +37,6 @@ from wrist_ft_comp.wire.temperature_source import parse_source
 
 #: Most of what happened that is listed, the newest.
 MOST_EVENTS = 40
-#: Of a drift up to this one, N, no share is given: no sensor resolves it.
-_LEAST_DRIFT = 1e-6
 REFERENCE = 'reference'
 SPECIFIC_FORCE = 'specific force'
 HELP = 'say what a model, a recording, payloads.json or a diary holds'
@@ -456,9 +454,10 @@ def summary(diary: days.Diary) -> str:
     without, left = np.median(judged, axis=0).tolist()
     sentence = f'{head}: on a usual day a force drifted by {rounded(without, 2)} N (RMS)'
     if np.isnan(left):
-        return f'{sentence}; no model was live.'
+        judged_by = 'the live one cannot be judged' if diary.days[-1].live else 'no model was live'
+        return f'{sentence}; {judged_by}.'
     sentence += f'; the model left {rounded(left, 2)} N'
-    if without > _LEAST_DRIFT:
+    if without > RESOLVED:
         sentence += f' ({rounded(100 * left / without, 2)} %)'
     return f'{sentence}.'
 

@@ -55,11 +55,8 @@ def print_words(words: Iterable[str | Table]) -> None:
 
 def coloured(words: Iterable[str | Table]) -> Iterator[Text | Table]:
     """Give lines the colour of their first word."""
-    for part in words:
-        if isinstance(part, str):
-            yield Text(part, _STYLES.get(part.partition(' ')[0], ''))
-        else:
-            yield part
+    for one in words:
+        yield Text(one, _STYLES.get(one.partition(' ')[0], '')) if isinstance(one, str) else one
 
 
 def print_json(value: object) -> None:

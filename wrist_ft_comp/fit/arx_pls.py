@@ -66,8 +66,7 @@ def latent_segments(block: XyBlock, outer: Pls) -> list[list[Segment]]:
     segments, outputs = [], block.outputs
     for r, (b, q) in enumerate(zip(outer.inner, outer.output_loadings.T, strict=True)):
         segments.append([(t[:, r], f @ q) for t, f in zip(scores, outputs, strict=True)])
-        pairs = zip(outputs, scores, strict=True)
-        outputs = tuple(f - b * np.outer(t[:, r], q) for f, t in pairs)
+        outputs = tuple(f - b * np.outer(t[:, r], q) for f, t in zip(outputs, scores, strict=True))
     return segments
 
 

@@ -160,13 +160,10 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     # What is left is stated of segments; a model runs where it helps these, or whole folds.
     left, whole = (hold_out(data, cells, np.concatenate(one)) for one in zip(*errors, strict=True))
     weights = min((weigh(one, compared) for one in (left, whole)), key=lambda each: each[0])
-    used = weights[0] < 1
-    model = None
-    if used:
-        gains = weights @ fit_all(sums.centred(sums.fold >= 0))
-        model = build_axis_model(features, POOL_S, gains[:-1], data.period_s)
+    gains = weights @ fit_all(sums.centred(sums.fold >= 0))
+    model = build_axis_model(features, POOL_S, gains[:-1], data.period_s)
     names = ['none', *(fit.name for fit in fits)]
-    return state_fit(data, model, COMBINATION if used else 'none', left, names, weights)
+    return state_fit(data, model, COMBINATION if model else 'none', left, names, weights)
 
 
 def _compared_squares(errors: FloatArray, bin_s: float) -> FloatArray:

@@ -87,7 +87,8 @@ def calibrate(
         for axis, fit in fits.items()
         if fit.rms_after > max(fit.rms_before / 2, MOVING[fit.unit])
     ]
-    if unexplained and reference in {'unloaded', 'constant'} and not find_plateaus(recordings):
+    is_at_rest = reference in {'unloaded', 'constant'}
+    if unexplained and is_at_rest and find_plateaus(recordings) is None:
         warnings.append(
             'Most of what these readings do is not explained by temperature, RMS: '
             f'{", ".join(unexplained)}. The load was declared {reference}: did the robot move, or '

@@ -126,8 +126,7 @@ def _are_equal(one: Recording, other: Recording, shift: int) -> bool:
             shares.append(
                 (np.abs(apart) <= near).mean() * both / fewer if both >= MIN_SAMPLES else 0.0
             )
-    is_read = len(shares) > one.thermometers
-    return is_read and bool(min(shares) > _NEARLY_ALL)
+    return len(shares) > one.thermometers and bool(min(shares) > _NEARLY_ALL)
 
 
 def drop_stuck_cells(recordings: Sequence[Recording]) -> Cleaned:
@@ -286,8 +285,7 @@ def _unknown(recording: Recording, j: int, absent: BoolArray) -> tuple[list[tupl
     longest = max(LONG_SILENCE_S / recording.period_s, _SEVERAL * usual)
     present: BoolArray = np.asarray(np.isfinite(recording.wrench).any(axis=1))
     runs = []
-    read_c = recording.temperature_c[reports, j]
-    steps_k = np.abs(np.diff(read_c))
+    steps_k = np.abs(np.diff(recording.temperature_c[reports, j]))
     resolution_k = steps_k[steps_k > 0].min(initial=np.inf)
     for first, last in runs_of(absent):
         at = first + np.flatnonzero(present[first:last])
@@ -362,10 +360,9 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> Iterator[str]:
 def idle_thermometers(recordings: Sequence[Recording]) -> Iterator[str]:
     """Name thermometers that stand still throughout a recording."""
     for j in range(recordings[0].thermometers):
-        columns = {recording.name: recording.temperature_c[:, j] for recording in recordings}
-        still = [name for name, read_c in columns.items() if not differ(read_c, read_c[0]).any()]
+        still = [r for r in recordings if not differ(c := r.temperature_c[:, j], c[0]).any()]
         if still:
             yield (
-                f'Thermometer {j + 1} reads {columns[still[0]][0]:.1f} °C all the time in '
-                f'{", ".join(still)}. Check its topic.'
+                f'Thermometer {j + 1} reads {still[0].temperature_c[0, j]:.1f} °C all the time in '
+                f'{", ".join(recording.name for recording in still)}. Check its topic.'
             )

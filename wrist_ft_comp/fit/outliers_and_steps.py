@@ -94,9 +94,7 @@ def begin_where_tared(
         if not len(at):  # every axis of it was left out
             begun.append(recording)
             continue
-        pauses_s, usual_s = (
-            cells * recording.period_s for cells in (np.diff(at), _cells_apart(at))
-        )
+        pauses_s, usual_s = recording.period_s * np.diff(at), recording.period_s * _cells_apart(at)
         lasted_s = recording.period_s * (at - at[0])
         # Beside a short stretch at the start or the end nothing tells a step from drift.
         is_short = np.minimum(lasted_s[:-1], lasted_s[-1] - lasted_s[1:]) < BESIDE_S

@@ -226,8 +226,7 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
         raise too_short
     cells = [cells for cells, _ in means]  # of every candidate the same
     left = hold_out(data, cells, np.column_stack([*columns.values()]))
-    squares = left.squares().mean(axis=0)[first:].tolist()
-    winner = first + simplest_good(squares)
+    winner = first + simplest_good(left.squares().mean(axis=0)[first:].tolist())
     chosen = names[winner]
     model, notes = refits[chosen](data)
     if model is not None:

@@ -23,8 +23,6 @@ _LATE = 'This day was judged late, and no model was learnt after it.'
 
 def learn(job: CalibrationJob) -> dict[str, Any]:
     """Judge the newest day, and those that the diary lacks; report what cannot be saved."""
-    if not job.recordings:
-        raise RecordingError('No day has ended yet; there is nothing to learn from.')
     history, directory = job.history or (), job.recordings[-1].parent.parent
     live = _champion(history[-1] if history else None)
 

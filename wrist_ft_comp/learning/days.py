@@ -67,6 +67,7 @@ class _DayWriter(CsvRecordingWriter):
     """Writes the file of a day: few digits, and no wrench waits for the disk."""
 
     stamp = 'stamp_s'
+    waits = False
 
     def _cells(self, stamp_ns: int, values: Sequence[float]) -> tuple[object, ...]:
         seconds, rest = divmod(stamp_ns, NANOSECONDS)
@@ -74,9 +75,6 @@ class _DayWriter(CsvRecordingWriter):
         # NaN is written as nothing.
         short = ['' if isnan(v) else f'{v:.5g}' if abs(v) < 100 else f'{v:.3f}' for v in values]
         return (stamp, *short)
-
-    def sync(self) -> None:
-        """Do nothing: the operating system writes."""
 
 
 class Span(NamedTuple):
@@ -164,11 +162,10 @@ class DayFiles:
         self._channels = [channels[j] for j in self._columns]
         self._wrench = [j for j, name in enumerate(channels) if name in AXES]
         self._max_bytes, self._sensor = max_bytes, sensor
-        names = [path.name for path in day_files(directory)]
-        self._number = max(map(day_number, [newest_before, *names]))
+        files = day_files(directory)
+        self._number = max(map(day_number, [newest_before, *(file.name for file in files)]))
         #: File of the day that goes on; None between days.
-        newest = self._folder / (names or [''])[-1]
-        self.path = newest if names and newest.name > newest_before and size_of(newest) else None
+        self.path = next((f for f in files[-1:] if f.name > newest_before and size_of(f)), None)
         #: Whether the newest row found no room.
         self.full = False
         self._writer: _DayWriter | None = None

@@ -135,8 +135,8 @@ def incident(
     # Simulated days were in contact for 0.20 to 0.30 of the time.
     if day.contact >= 1 - LEAST_FREE or day.unexplained >= MISFIT:
         return 'contacts', (
-            f'Something pushed on the sensor most of the day, {day.contact:.0%} of the time, and '
-            f'no payload explains {day.unexplained:.0%} of the changes between poses.'
+            f'Something pushed on the sensor for {day.contact:.0%} of the day, and no payload '
+            f'explains {day.unexplained:.0%} of the changes between poses.'
         )
     if found := _other_gains(day, entry, before) or _jump_of_zero(day, entry, drift):
         return found
@@ -146,9 +146,8 @@ def incident(
         other.noise for other in before
         if other.noise and other.kind in LEARNT_FROM
         and (not today or _share_one(today, _gains(other)))])  # fmt: skip
-    if len(past) < DAYS_TO_AGREE:
-        return '', ''
-    ratios = np.array(entry.noise) / np.median(past, axis=0)
+    usual = np.median(past, axis=0) if len(past) >= DAYS_TO_AGREE else np.inf
+    ratios = np.array(entry.noise) / usual
     axis = int(ratios.argmax())
     # On ordinary days it was up to 1.9; half of the limit would refuse such days.
     if ratios[axis] < UNUSUAL:

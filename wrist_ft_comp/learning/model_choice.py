@@ -172,11 +172,9 @@ def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
 
 def covers(found: Calibration, live: DriftModel) -> bool:
     """Whether a new model knows half as many kelvin as the live one, at least, of its widest."""
-    known_c = np.array([axis.range_c for axis in live.axes.values()]).reshape(
-        -1, 2, live.thermometers
-    )
-    if not len(known_c):
+    if not live.axes:
         return True
+    known_c = np.array([axis.range_c for axis in live.axes.values()])  # (axes, 2, J)
     known_k = known_c[:, 1].max(axis=0) - known_c[:, 0].min(axis=0)
     most = np.argmax(known_k)
     return bool(np.ptp(found.temperature_range_c[most]) >= known_k[most] / 2)

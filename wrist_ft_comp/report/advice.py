@@ -15,8 +15,6 @@ from wrist_ft_comp.report.evaluation import SAME_K
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
 
-#: Where the node hears an IMU, unless it is remapped.
-_IMU_TOPIC = 'imu'
 #: Rise and fall are counted between means over this time, s, so that noise does not count.
 _TREND_S = 300.0
 #: A recording should last for at least this time, s.
@@ -104,7 +102,7 @@ def run_command(topics: Topics, model: object) -> str:
         words += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
     if topics.imu:
         words += ['-p', 'gravity.source:=imu']
-        if topics.imu.strip('/') != _IMU_TOPIC:
+        if topics.imu.strip('/') != 'imu':  # where the node hears one
             words += ['-r', f'imu:={topics.imu}']
     elif topics.gravity_frame:
         words += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
@@ -139,28 +137,23 @@ def advise(case: Case) -> tuple[str, ...]:
                 'correction is wrong. Name topics or columns in the order of the calibration.'
             )
         steps += _judged(case, outside)
-    some_are_good = 'good' in case.levels.values()
-    if unexplained and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
-        steps.append(_missing_thermometer(case, unexplained))
+    count = len(case.coverage.range_c)
+    if unexplained and not outside and not (count > 1 and 'good' in case.levels.values()):
+        who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
+        what = 'any axis' if len(unexplained) == len(case.levels) > 1 else _enumerate(unexplained)
+        exchanged = ' Or the sensor was exchanged: calibrate from the recordings since then.'
+        steps.append(
+            f'{who} not explain {what} well: heat enters at a place without one.'
+            f'{exchanged if len(case.recordings) > 1 else ""} Use another one that the recording '
+            'holds (wrist_ft_comp show), or put one at the flange: where the motor heats it, or '
+            'opposite.'
+        )
     if case.learnt_c and poor and not steps:
         left = f'Much of the drift of {_enumerate(poor)} is left; a report says why.'
         steps.append(f'{left} {_CALIBRATE_AGAIN}')
     if harmful := [axis for axis, level in case.levels.items() if level == 'harmful']:
         steps.insert(0, f'Do not run this model: it makes {_enumerate(harmful)} worse.')
     return (*steps, *(() if case.learnt_c else _recorded(case)))
-
-
-def _missing_thermometer(case: Case, poor: Sequence[str]) -> str:
-    count, axes = len(case.coverage.range_c), _enumerate(poor)
-    who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
-    what = 'any axis' if len(poor) == len(case.levels) > 1 else axes
-    head = f'{who} not explain {what} well: heat enters at a place without one.'
-    if len(case.recordings) > 1:
-        head += ' Or the sensor was exchanged: calibrate from the recordings since then.'
-    return (
-        f'{head} Use another one that the recording holds (wrist_ft_comp show), or put one at the '
-        'flange: where the motor heats it, or opposite.'
-    )
 
 
 def _recorded(case: Case) -> Iterator[str]:

@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 import numpy as np
@@ -36,10 +35,6 @@ WITHOUT, WITH = '#D55E00', '#0A78B8'
 THERMOMETERS = ('#009E73', '#BC5F95', '#8A7300', '#7D848C')
 #: Axes, and everything that is not measured.
 FRAME = '#7D848C'
-_SOLID: dict[str, Any] = {'color': WITH, 'ls': '-', 'lw': 1.4}
-_DASHED: dict[str, Any] = {'color': WITHOUT, 'ls': (0, (4, 1.5)), 'lw': 1.2}
-#: Width of a PNG picture, inches.
-_WIDTH = 11.0
 
 
 def errors_over_time(series: ErrorSeries, unit: str) -> Figure:
@@ -47,8 +42,8 @@ def errors_over_time(series: ErrorSeries, unit: str) -> Figure:
     figure, panel = _panel(f'error, {unit}')
     for at in np.flatnonzero(np.diff(series.part)):
         panel.axvline(series.hours[at : at + 2].mean(), color=FRAME, lw=0.6, ls=':')
-    _line(panel, series.hours, series.before, series.part, **_DASHED)
-    _line(panel, series.hours, series.after, series.part, **_SOLID)
+    _line(panel, series.hours, series.before, series.part, color=WITHOUT, ls=(0, (4, 1.5)), lw=1.2)
+    _line(panel, series.hours, series.after, series.part, color=WITH, ls='-', lw=1.4)
     return figure
 
 
@@ -137,7 +132,7 @@ def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: An
 
 def days_figure(sentence: str, dates: Sequence[str], drift: FloatArray) -> Figure:
     """Draw what drifted every day without and with a model, (days, 2), N, below a sentence."""
-    figure = Figure(figsize=(_WIDTH, 4.0), layout='constrained')
+    figure = Figure(figsize=(11.0, 4.0), layout='constrained')
     title = '\n'.join(textwrap.wrap(sentence, 115))
     figure.suptitle(title, x=0.01, ha='left', weight='bold', size=12)
     panel, numbers = figure.add_subplot(ylabel='force, N'), np.arange(len(dates))
@@ -157,7 +152,6 @@ def days_figure(sentence: str, dates: Sequence[str], drift: FloatArray) -> Figur
 
 def png(figure: Figure) -> bytes:
     """Turn a picture into PNG that is known again by its software."""
-    FigureCanvasAgg(figure)
     buffer = BytesIO()
     figure.savefig(buffer, dpi=120, format='png', metadata={'Software': PAINTER})
     return buffer.getvalue()

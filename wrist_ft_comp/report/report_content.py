@@ -25,7 +25,7 @@ MOST_ADVICE = 3
 #: What the figures before and left are.
 _FIGURES = 'before, left: root mean square.'
 #: Errors below this one, N or N m, are written as 0: no sensor resolves them.
-_RESOLVED = 1e-6
+RESOLVED = 1e-6
 #: The verdict on an axis that the model does not know, and its entry.
 _NOT_HELD = 'The recordings that the model was learnt from do not hold this axis'
 _NO_ENTRY = {'chosen': 'none', 'time_constants_s': [], 'candidates': [], 'notes': []}
@@ -110,7 +110,7 @@ class ReportContent:
         """Give the cells of that table, as texts."""
         return [
             (axis.axis, axis.unit, verdicts.LEVEL_NAMES[axis.verdict.level],
-             *('–' if np.isnan(value) else rounded(value) if value > _RESOLVED else '0'
+             *('–' if np.isnan(value) else rounded(value) if value > RESOLVED else '0'
                for value in (axis.errors.rms_before, axis.errors.rms_after, axis.errors.max_after,
                              axis.day_limit)))
             for axis in self.axes
@@ -148,9 +148,7 @@ def calibration_content(
         held_out = fit.held_out
         # Drift goes further in a day than in a block: what is stated over what was held out.
         measured = float(rms_by_fold(held_out).after.mean())
-        days = len(np.unique(held_out.recording))
-        whole = not held_out.tared or days == len(np.unique(held_out.fold)) > 1
-        widening = 1.0 if whole or measured == 0 else fit.rms_after / measured
+        widening = fit.rms_after / measured if measured else 1.0
         series = _series(recordings, held_out)
         before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
         errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, widening * after)
@@ -230,8 +228,7 @@ def evaluation_content(
     # A table and a model of tables name no topics.
     if not {**stored.sensor, **recordings[0].sensor}.get('temperature_topics'):
         words = [str(stored.path), str(paths[0]), *topics.options('')]
-        compensate = shlex.join(['wrist_ft_comp', 'compensate', *words])
-        run = f'{compensate} -o compensated.csv --tare 60'
+        run = f'{shlex.join(["wrist_ft_comp", "compensate", *words])} -o compensated.csv --tare 60'
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = advices.Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},

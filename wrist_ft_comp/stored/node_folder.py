@@ -6,7 +6,7 @@ Where a node keeps what it made: models, own recordings, and which model is acti
     <directory>/active.json          which model was live since when, and why, newest last; and
                                      which model the operator gave at the last start
     <directory>/state.json           thermal state and tare, for a restart (state_file.py)
-    <directory>/days/, learning.json  of a node that learns by itself (days/)
+    <directory>/days/, learning.json  of a node that learns by itself (learning/days.py)
     <directory>/lock                 held by the node that keeps its files here
 """
 

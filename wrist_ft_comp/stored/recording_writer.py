@@ -32,6 +32,8 @@ class CsvRecordingWriter:
 
     #: Column of the stamps.
     stamp = 'stamp_ns'
+    #: Whether closing waits for the disk, so that a power failure takes nothing.
+    waits = True
 
     def __init__(self, path: Path, channels: Sequence[str], *, go_on: bool = False) -> None:
         self._path, self._width = path, len(channels)
@@ -54,17 +56,13 @@ class CsvRecordingWriter:
     def _cells(self, stamp_ns: int, values: Sequence[float]) -> tuple[object, ...]:
         return (int(stamp_ns), *('' if isnan(value) else float(value) for value in values))
 
-    def sync(self) -> None:
-        """Wait until the disk holds everything, so that a power failure takes nothing of it."""
-        with writing(self._path):
-            os.fsync(self._file.fileno())
-            self._require_name()
-
     def close(self) -> None:
-        """Sync and close; a second call does nothing."""
+        """Close, on the disk where it ``waits``; a second call does nothing."""
         if not self._file.closed:
             with writing(self._path), self._file:
-                self.sync()
+                if self.waits:
+                    os.fsync(self._file.fileno())
+                    self._require_name()
 
     def _write(self, row: Sequence[object]) -> None:
         """Write a row through to the operating system."""
