@@ -1,4 +1,4 @@
-"""The command line run in this process, its models, reports and bags."""
+"""The command line run in this process, its models and bags."""
 
 import subprocess
 import sys
@@ -80,18 +80,10 @@ def model(tmp_path_factory, drift_csv):
 
 
 @pytest.fixture(scope='session')
-def report(tmp_path_factory, model, drift_csv):
-    """A report of that model; read-only."""
-    path = tmp_path_factory.mktemp('report') / 'report.html'
-    assert main(['evaluate', str(model), str(drift_csv), '--report', str(path)]) == 0
-    return path
-
-
-@pytest.fixture(scope='session')
 def bags(tmp_path_factory, messages):
     """Bags of both storages: 200 Hz wrenches, 2 Hz temperatures of an accelerated warm-up."""
     rng = np.random.default_rng(0)
-    t = np.arange(18_000) / 200
+    t = np.arange(4500) / 200
     inside = 20 + 15 * (1 - np.exp(-t / 25)) + 2 * np.sin(t / 4 + rng.uniform(0, 6))
     wrenches = np.tile([0.1, -0.2, 0.0, 0.01, 0.02, 0.03], (len(t), 1))
     wrenches[:, 2] = 1.0 + 2.0 * (inside - 20) + rng.normal(0, 0.05, len(t))

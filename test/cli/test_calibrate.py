@@ -9,10 +9,9 @@ from wrist_ft_comp.series import rounded
 from wrist_ft_comp.stored.model_file import load_model
 
 
-@pytest.mark.parametrize('method', ['auto', 'pls'])
-def test_report_reason_and_show_have_the_figures_of_a_calibration(method, done, make, tmp_path):
+def test_report_reason_and_show_have_the_figures_of_a_calibration(done, make, tmp_path):
     path, page = make.csv(tmp_path / 'day.csv', make.drifting(1980)), tmp_path / 'r.html'
-    argv = ['calibrate', path, '-o', tmp_path / 'm.yaml', '--method', method]
+    argv = ['calibrate', path, '-o', tmp_path / 'm.yaml']
     fit = json.loads(done(*argv, '--report', page, '--json'))['axes']['force_z']
     before, after = fit['rms_before'], fit['rms_after']
     text = page.read_text()

@@ -34,7 +34,7 @@ def played(monkeypatch, make):
 
 
 @pytest.mark.usefixtures('played')
-def test_it_ends_with_the_report_and_what_to_do_next(run, tmp_path):
+def test_it_ends_with_the_report_and_what_to_do_next_or_fails(run, tmp_path, monkeypatch):
     outcome = run('demo', '--output', tmp_path)
     report = tmp_path / 'demo.html'
     assert outcome.code == 0, outcome
@@ -43,16 +43,10 @@ def test_it_ends_with_the_report_and_what_to_do_next(run, tmp_path):
     for word in (f': {report}\n', f': {folder}\n', 'PASS: ', ' times smaller; 10 times '):
         assert outcome.out.count(word) == 1
     assert outcome.out.splitlines()[-1] == '  wrist_ft_comp show RECORDING'
-    assert run('demo', '--output', tmp_path).code == 0
-    assert len(list(tmp_path.glob('demo_*'))) == 2, "the first run's files stay"
-
-
-@pytest.mark.usefixtures('played')
-def test_drift_has_to_fall(run, tmp_path, monkeypatch):
     monkeypatch.setattr(demo, '_RATIO', 1e6)
     outcome = run('demo', '--output', tmp_path)
-    assert outcome.code == 1
-    assert 'FAIL: ' in outcome.out
+    assert (outcome.code, 'FAIL: ' in outcome.out) == (1, True), 'drift has to fall'
+    assert len(list(tmp_path.glob('demo_*'))) == 2, "the first run's files stay"
 
 
 def listen(recorded_s, **programs):

@@ -153,7 +153,7 @@ def test_there_are_many_forms_of_many_recorders():
 
 
 def test_what_is_replaced_in_lines_may_lie_across_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr(table, 'BLOCK', 101)
+    monkeypatch.setattr(table, 'BLOCK', 331)
     path = write(FORMS['arduino_monitor_labels'], tmp_path)
     topics = Topics(columns='stamp=1,force_z=3,temperature_c=4')
     assert len(read_recording(path, topics=topics, period_s=STEP_S)) == ROWS

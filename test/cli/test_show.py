@@ -174,14 +174,3 @@ def test_without_a_diary_there_is_a_sentence(run, folder, content):
     path.unlink() if content is None else path.write_text(content)
     said = f'{folder} holds no days that were' if content is None else f'{path} is not a diary'
     assert said in run('show', folder).sentence
-
-
-def test_a_damaged_memory_is_refused(run, folder):
-    (folder / 'learning.json').write_text('{')
-    sentence = f'{folder / "learning.json"} is not a learning state: expected JSON'
-    assert sentence in run('show', folder).sentence
-
-
-def test_days_alone_are_drawn(run, model, tmp_path):
-    said = run('show', model, '--picture', tmp_path / 'a.png').sentence
-    assert 'is no folder of a node that learns, whose days are drawn' in said

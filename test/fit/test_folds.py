@@ -7,7 +7,7 @@ from wrist_ft_comp.fit.axis_data import bin_cells
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.folds import assign_folds, FOLDS, folds_within, simplest_good
 from wrist_ft_comp.fit.result import rms_by_fold
-from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 
 CELLS = 240
 LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
@@ -81,7 +81,7 @@ def learn(recordings, method):
     return calibrate(recordings, settings).fits['force_z']
 
 
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', ['pls', 'auto'])
 @pytest.mark.parametrize('count', [1, 2])
 def test_errors_stand_in_time_order_and_add_up_to_the_figures(method, count, run):
     recordings = [run(seed) for seed in range(count)]

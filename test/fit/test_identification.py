@@ -43,9 +43,8 @@ class TestKnownTruth:
         assert np.std(centred(zero) - expected) < 0.01 * np.std(expected)
         assert not sensitivity.any()
 
-    @pytest.mark.parametrize('gain_error', [0.0, 0.15])
-    def test_sensitivity_drift_is_found_beside_zero_drift(self, simulate, lagged, gain_error):
-        zero, sensitivity = {600.0: 0.5}, {600.0: 1e-3}
+    def test_sensitivity_drift_is_found_beside_zero_drift(self, simulate, lagged):
+        zero, sensitivity, gain_error = {600.0: 0.5}, {600.0: 1e-3}, 0.15
         recordings = [simulate(i, zero, sensitivity, gain_error=gain_error) for i in range(3)]
         calibration = calibrate(recordings, settings('arx_pls_oe', 'recorded'))
         new = simulate(9, zero, sensitivity, gain_error=gain_error, share=0.8)
@@ -58,40 +57,42 @@ class TestKnownTruth:
 
 
 @pytest.mark.parametrize('method', METHODS)
-class TestEveryMethod:
-    @pytest.mark.parametrize(
-        ('thermometers', 'features', 'loaded'),
-        [(1, 'powers', False), (2, 'powers', True), (2, 'hats', False), (1, 'hats', True)],
-    )
-    def test_every_method_removes_drift(self, simulate, method, thermometers, features, loaded):
-        def record(seed, share=1.0):
-            sensitivity = {200.0: 1e-3} if loaded else None
-            drift = {200.0: 0.5}, sensitivity
-            return simulate(seed, *drift, noise=0.1, thermometers=thermometers, share=share)
+@pytest.mark.parametrize(
+    ('thermometers', 'features', 'loaded'),
+    [(2, 'powers', True), (2, 'hats', False), (1, 'hats', True)],
+)
+def test_every_method_removes_drift(simulate, method, thermometers, features, loaded):
+    def record(seed, share=1.0):
+        sensitivity = {200.0: 1e-3} if loaded else None
+        drift = {200.0: 0.5}, sensitivity
+        return simulate(seed, *drift, noise=0.1, thermometers=thermometers, share=share)
 
-        chosen = settings(method, 'recorded' if loaded else 'unloaded', features=features)
-        calibration = calibrate([record(i) for i in range(3)], chosen)
-        fit = calibration.fits['force_z']
-        assert fit.model.features.kind == features
-        hats_by_auto = method == 'auto' and features == 'hats'  # which leave the gain alone
-        assert fit.model.outputs == 1 + (loaded and not hats_by_auto)
-        assert fit.rms_after < fit.rms_before
-        errors = tared_errors(calibration.model, record(9, 0.8), chosen.reference)
-        judged = judge_errors([errors])['force_z']
-        dynamic = method in ('filtered_pls', 'arx_pls_oe', 'auto') and not hats_by_auto
-        assert judged.rms_after < (0.35 if dynamic else 0.9) * judged.rms_before
+    chosen = settings(method, 'recorded' if loaded else 'unloaded', features=features)
+    calibration = calibrate([record(i) for i in range(3)], chosen)
+    fit = calibration.fits['force_z']
+    assert fit.model.features.kind == features
+    hats_by_auto = method == 'auto' and features == 'hats'  # which leave the gain alone
+    assert fit.model.outputs == 1 + (loaded and not hats_by_auto)
+    assert fit.rms_after < fit.rms_before
+    errors = tared_errors(calibration.model, record(9, 0.8), chosen.reference)
+    judged = judge_errors([errors])['force_z']
+    dynamic = method in ('filtered_pls', 'arx_pls_oe', 'auto') and not hats_by_auto
+    assert judged.rms_after < (0.35 if dynamic else 0.9) * judged.rms_before
 
-    def test_loads_of_whole_recordings_give_no_wild_gain(self, make_recording, warm_up, method):
-        """The gain error at T_ref cannot be separated from the constants then."""
-        runs = []
-        for i, payload in enumerate((0.0, 50.1, 20.3)):
-            temperature_c = warm_up(CELLS, i)
-            theta = temperature_c - 30
-            raw = (1 + 1e-3 * theta) * payload + 0.5 * theta
-            raw += 0.01 * np.random.default_rng(i).standard_normal(CELLS)
-            runs.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': payload}))
-        _, sensitivity = drift_of(calibrate(runs, settings(method, 'recorded')), runs[0])
-        assert np.abs(sensitivity).max() < 0.1
+
+#: Sums of arx_pls_oe are those of auto, and its constants are fixed as those of the others.
+@pytest.mark.parametrize('method', [name for name in METHODS if name != 'arx_pls_oe'])
+def test_loads_of_whole_recordings_give_no_wild_gain(make_recording, warm_up, method):
+    """The gain error at T_ref cannot be separated from the constants then."""
+    runs = []
+    for i, payload in enumerate((0.0, 50.1, 20.3)):
+        temperature_c = warm_up(CELLS, i)
+        theta = temperature_c - 30
+        raw = (1 + 1e-3 * theta) * payload + 0.5 * theta
+        raw += 0.01 * np.random.default_rng(i).standard_normal(CELLS)
+        runs.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': payload}))
+    _, sensitivity = drift_of(calibrate(runs, settings(method, 'recorded')), runs[0])
+    assert np.abs(sensitivity).max() < 0.1
 
 
 def test_hats_stand_on_the_plateaus():

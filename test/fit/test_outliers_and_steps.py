@@ -83,24 +83,24 @@ def test_a_step_is_found_once_among_few_wrenches_and_beside_pauses(day, away, si
     assert abs(np.nanmedian((found.wrench - plain.wrench)[2000:, 2])) < 0.2
 
 
-@pytest.mark.parametrize('steps', [
-    [(1500, 5.0)], [(1500, 9.0), (1580, -9.0)], [(900, 60.0), (2000, 1.5)],
-    [(900, 60.0), (1500, 9.0), (1525, -9.0)], [(1500, 0.6), (1525, -0.6)],
-])  # fmt: skip
-def test_a_calibration_and_an_evaluation_go_on_after_steps(day, steps):
-    plain = calibrate([day(1), day(2)])
-    days = [day(1, stepped((900, 8.0), (2500, -3.0))), day(2)]
-    calibration = calibrate(days)
+def test_a_calibration_and_an_evaluation_go_on_after_steps(day):
+    plain, calibration = (
+        calibrate([day(1, add), day(2)]) for add in (0.0, stepped((900, 8.0), (2500, -3.0)))
+    )
     assert sum('A new segment begins there' in warning for warning in calibration.warnings) == 2
-    judged = day(3, stepped(*steps))
-    left, without = (evaluate(model.model, [judged])['force_z'] for model in (calibration, plain))
-    assert left.rms_after < 1.2 * without.rms_after + NOISE
-    *found, last = tared_errors(plain.model, judged, 'unloaded').warnings
-    is_stepped = any('A new segment' in said for said in found)
-    assert ('is judged as if ~/tare had been called at each step' in last) == is_stepped
     usual = evaluate(plain.model, [day(3)])['force_z']
-    assert left.rms_before == pytest.approx(usual.rms_before, rel=0.02)
-    assert left.rms_after < 0.1 * left.rms_before
+    for steps in (
+        [(1500, 5.0)], [(1500, 9.0), (1580, -9.0)], [(900, 60.0), (2000, 1.5)],
+        [(900, 60.0), (1500, 9.0), (1525, -9.0)], [(1500, 0.6), (1525, -0.6)],
+    ):  # fmt: skip
+        judged = day(3, stepped(*steps))
+        left, without = (evaluate(of.model, [judged])['force_z'] for of in (calibration, plain))
+        assert left.rms_after < 1.2 * without.rms_after + NOISE, steps
+        *found, last = tared_errors(plain.model, judged, 'unloaded').warnings
+        is_stepped = any('A new segment' in said for said in found)
+        assert ('is judged as if ~/tare had been called at each step' in last) == is_stepped
+        assert left.rms_before == pytest.approx(usual.rms_before, rel=0.02)
+        assert left.rms_after < 0.1 * left.rms_before
 
 
 @pytest.mark.parametrize(('begin', 'end'), [(1200, 2500), (20, 400), (90, 200), (3400, 3550)])

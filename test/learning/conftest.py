@@ -48,6 +48,12 @@ def record(  # noqa: PLR0913 -- what a day's robot is like
 
 
 @pytest.fixture(scope='session')
+def recorded():
+    """Recordings of days by number and specimen."""
+    return record
+
+
+@pytest.fixture(scope='session')
 def separated():
     """Separated days by number and specimen; a day is separated once."""
     return cache(lambda number, **properties: look_at(record(number, **properties)))

@@ -7,7 +7,6 @@ import threading
 import time
 
 import pytest
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 
@@ -79,15 +78,12 @@ def test_a_refusal_is_a_sentence_and_exit_code_1(run, line, arguments, word):
     assert 'Traceback' not in errors
 
 
-@pytest.mark.parametrize(
-    ('name', 'value'), [('ROS_LOG_DIR', '/proc/nowhere'), ('ROS_DOMAIN_ID', 'one')]
-)
-def test_a_wrong_environment_is_not_called_a_wrong_argument(executable, monkeypatch, name, value):
-    monkeypatch.setenv(name, value)
+def test_a_wrong_environment_is_not_called_a_wrong_argument(executable, monkeypatch):
+    monkeypatch.setenv('ROS_LOG_DIR', '/proc/nowhere')
     code, errors = executable('', source=PROGRAM).result()
     assert code == 1
     assert 'ROS 2 does not begin: ' in errors
-    assert name in errors
+    assert 'ROS_LOG_DIR' in errors
     assert 'arguments' not in errors
     assert 'Traceback' not in errors
 
@@ -100,8 +96,7 @@ def test_a_fault_of_ours_keeps_its_traceback(run):
         run(fail)
 
 
-@pytest.mark.parametrize('make', [EventsExecutor, SingleThreadedExecutor])
-def test_an_overloaded_node_hears_that_it_is_to_stop(bench, make):
+def test_an_overloaded_node_hears_that_it_is_to_stop(bench):
     """Its timer is due again before its callback has ended, so that the queue is never empty."""
     called = threading.Event()
 
@@ -110,7 +105,7 @@ def test_an_overloaded_node_hears_that_it_is_to_stop(bench, make):
         time.sleep(0.015)
 
     node = bench.make(partial(Example, overload))
-    executor, stop = make(context=bench.context), Stop()
+    executor, stop = EventsExecutor(context=bench.context), Stop()
     executor.add_node(node)
     thread = threading.Thread(target=spin, args=(executor, bench.context, stop), daemon=True)
     thread.start()

@@ -103,6 +103,7 @@ def test_a_part_is_counted_from_the_first_message_with_a_stamp(write, messages):
 @pytest.mark.parametrize(('topics', 'sentence'), [
     (Topics(temperatures=('/temperature', 'temperature')), 'named twice'),
     (Topics(reference='/ati'), 'no topic /ati for the reference'),
+    (Topics('/temperature'), r'is sensor_msgs/\S+; the raw wrench must be geometry_msgs'),
     (Topics('/raw_wrench'), r'/raw_wrench for the raw wrench; it holds .*/wrench_raw.*\. Name'),
 ])  # fmt: skip
 def test_topics_that_the_bag_does_not_hold_are_refused(make_bag, topics, sentence):

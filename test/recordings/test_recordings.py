@@ -89,8 +89,8 @@ def test_a_wrench_of_a_bag_without_a_stamp_is_corrected_as_of_its_arrival(messag
 
 
 def test_a_rewritten_bag_has_each_message_and_the_corrected_wrench(make_bag, storage, monkeypatch):
-    monkeypatch.setattr(bag_file, 'BATCH', 300)
-    source = make_bag(*storage, count=1000)
+    monkeypatch.setattr(bag_file, 'BATCH', 150)
+    source = make_bag(*storage, count=400)
     target = source.with_name('out')
     fractions = []
     assert rewrite_recording(source, target, halve, progress=fractions.append) == ()

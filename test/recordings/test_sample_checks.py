@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS
-from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.recordings.sample_checks import grid_samples
 
@@ -80,15 +79,6 @@ def test_axes_that_are_exactly_zero_beside_ones_that_live_are_absent():
     assert warning.startswith('force_x, force_z of a.csv: exactly 0 in every sample')
     still = grid_samples([Samples(AXES[:3], stamps, 0 * force), temperature])
     assert (still.wrench[:, :3] == 0).all(), 'of a sensor that is off, none is broken alone'
-
-
-@pytest.mark.parametrize('lacking', ['temperature_c', 'temperature_2_c', 'force_z'])
-def test_what_a_recording_lacks_is_named_with_what_it_holds(lacking):
-    channels = {'temperature_3_c', 'temperature_2_c', 'temperature_c', 'force_z'} - {lacking}
-    no_wrench = 'day holds no wrench. .* of force_x, .*; got temperature_2_c, .*, temperature_c'
-    sentence = no_wrench if lacking == 'force_z' else f'day holds no usable {lacking}'
-    with pytest.raises(RecordingError, match=sentence):
-        grid_samples([samples(channel, (0, 20), (1, 21)) for channel in channels], name='day')
 
 
 def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer():

@@ -111,12 +111,11 @@ def test_an_accelerometer_without_gyroscope_has_no_speed_of_rotation(robot, mess
 
 
 @by_either_backend
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 @pytest.mark.parametrize(('rate', 'tolerance'), [(10, 0.05), (100, 0.01)])
-def test_tf_gives_gravity_in_the_frame_of_the_wrench(robot, storage, rate, tolerance, monkeypatch):
+def test_tf_gives_gravity_in_the_frame_of_the_wrench(robot, rate, tolerance, monkeypatch):
     monkeypatch.setattr(bag_file, 'BATCH', 77)
     moving = robot.moving(np.arange(0, END + 0.1, 1 / rate))
-    path = robot.write(robot.still(), moving, robot.wrenches(), storage=storage)
+    path = robot.write(robot.still(), moving, robot.wrenches())
     recording = read_recording(path, topics=BY_TF)
     cells = range(END)
     force, speed = recording.specific_force[:END], recording.rotation_speed[:END]

@@ -99,9 +99,10 @@ def read(path, *temperatures):
 
 
 @pytest.mark.usefixtures('ready')
-def test_every_storage_gives_any_temperature(driver, messages, storage, tmp_path, monkeypatch):
+@pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
+def test_both_storages_give_any_temperature(driver, messages, storage, tmp_path, monkeypatch):
     monkeypatch.setattr(bag_file, 'BATCH', 70)
-    path = messages.write(tmp_path / 'bag', driver.parts(), *storage)
+    path = messages.write(tmp_path / 'bag', driver.parts(), storage)
     frame, first, last, motor, wrist = read(
         path, '/driver/frame:temperature:K', '/driver/state:temperatures[0]',
         'driver/state:temperatures.5:F', '/driver/state:motors[1].temperature*0.1',

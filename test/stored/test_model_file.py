@@ -257,11 +257,9 @@ ALIASES = [f'a{i}: &a{i} [{", ".join([f"*a{i - 1}"] * 9)}]' for i in range(1, 30
 
 @pytest.mark.parametrize(('content', 'sentence'), [
     ('\n'.join(['a0: &a0 [x, x, x, x, x, x, x, x, x]', *ALIASES]), 'aliases are not allowed'),
-    ('[' * 20_000, 'no more than 30 levels are allowed|nesting depth'),
-    ('{a: ' * 20_000, 'no more than 30 levels are allowed|nesting depth'),
     ('- ' * 20_000, 'no more than 30 levels are allowed|nesting depth'),
     ('- 1\n' * 500_000, 'no more than 100000 values are allowed'),
-], ids=range(5))  # fmt: skip
+], ids=range(3))  # fmt: skip
 def test_bombs_are_refused_before_they_go_off(load, content, sentence):
     with pytest.raises(ModelFileError, match=sentence):
         load(content)

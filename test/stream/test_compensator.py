@@ -71,12 +71,10 @@ def test_the_output_is_the_equation_with_the_drift_of_its_time(model):
     assert np.ptp(outputs[settled, 2]) > 1.5
 
 
-@pytest.mark.parametrize('set_s', [-50_000, -30, 8, 90])
 @pytest.mark.parametrize('silent_s', [1, 600])
-def test_a_clock_that_is_set_leaves_the_thermal_state(make_model, set_s, silent_s):
-    drifts = []
-    for moved_s in (0, set_s):
-        model = make_model({'force_z': (2.0, 0.0, 600.0)}, thermometers=2)
+def test_a_clock_that_is_set_leaves_the_thermal_state(make_model, silent_s):
+    model, drifts = make_model({'force_z': (2.0, 0.0, 600.0)}, thermometers=2), []
+    for moved_s in (0, -50_000, -30, 8, 90):
         compensator = Compensator(2, model=model)
         for second in (*range(300), *range(299 + silent_s, 500 + silent_s)):
             stamp_ns = (10**6 + second + moved_s * (second >= 300)) * SECOND + SECOND // 2
@@ -87,7 +85,7 @@ def test_a_clock_that_is_set_leaves_the_thermal_state(make_model, set_s, silent_
         drifts.append(compensator.tracker.drift.zero[2])
         assert not compensator.tracker.forgot
         assert compensator.tracker.end_ns == stamp_ns - SECOND // 2
-    assert drifts[1] == pytest.approx(drifts[0], abs=0.03)
+    assert drifts == pytest.approx(5 * drifts[:1], abs=0.03)
 
 
 def test_wrong_first_readings_are_forgotten_and_it_is_said(make_model):

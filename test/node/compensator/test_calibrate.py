@@ -21,21 +21,15 @@ def stream_goes_on(node, second=0):
 
 
 @pytest.fixture
-def ready(rig, make, haste):  # noqa: ARG001
-    """Make a node that has a recording to calibrate from, perhaps one of little heat."""
-
-    def start(share=1.0, **options):
-        node, columns = rig(**options), make.drifting()
-        columns['temperature_c'] = [20 + share * (t - 20) for t in columns['temperature_c']]
-        (node.directory / 'recordings').mkdir()
-        make.csv(node.directory / 'recordings/run.csv', columns)
-        return node
-
-    return start
+def node(rig, make, haste):  # noqa: ARG001
+    """Make a node that has a recording to calibrate from."""
+    made = rig()
+    (made.directory / 'recordings').mkdir()
+    make.csv(made.directory / 'recordings/run.csv', make.drifting())
+    return made
 
 
-def test_a_calibration_answers_and_goes_live_without_a_step_while_wrenches_go_on(ready):
-    node = ready()
+def test_a_calibration_answers_and_goes_live_without_a_step_while_wrenches_go_on(node):
     node.warm_up(30.0)
     answers = node.ask('calibrate')
 
@@ -66,30 +60,11 @@ def check_refused(node, said, *words):
     assert stream_goes_on(node)
 
 
-def test_too_small_a_span_leaves_the_live_model(ready, make_model):
-    live = make_model('live.yaml', {'torque_z': (0.0, 0.0, 0.0)})
-    node = ready(0.1, model=live)
-    said = node.call('calibrate')
-    check_refused(node, said, 'spans 1.', 'at least 3.0 K and a third', 'Record a warm-up')
-    assert node.node.live.stored.sha256 == live.sha256
-    assert [path.name for path in (node.directory / 'models').iterdir()] == ['live.yaml']
-
-
-def test_logs_that_are_named_get_the_cells_that_the_command_gives_them(ready, make):
-    node = ready()
-    make.csv(node.directory / 'slow.csv', make.drifting(3600, every=10))
-    assert node.set('calibration.recordings', ['slow.csv']).successful
-    answer = node.call('calibrate')
-    assert answer.success, answer.message
-    assert node.node.live.stored.model.period_ns == 10 * SECOND
-
-
 def python(source):
     return sys.executable, '-c', source
 
 
-def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, monkeypatch):
-    node = ready()
+def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(node, monkeypatch):
     monkeypatch.setattr(COMMAND, python('import time; time.sleep(600)'))
     answers = node.ask('calibrate')
     node.wait_until(lambda: node.node.running_s('~/calibrate') is not None, 'the calibration')
@@ -115,13 +90,12 @@ def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, monk
         (('/nowhere/python',), 'cannot be started: [Errno 2] No such file'),
     ],
 )
-def test_a_process_without_a_result_is_a_sentence(ready, monkeypatch, command, words):
-    node = ready()
+def test_a_process_without_a_result_is_a_sentence(node, monkeypatch, command, words):
     monkeypatch.setattr(COMMAND, command)
     check_refused(node, node.call('calibrate'), words, 'call again')
 
 
-def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready, make_model, monkeypatch):
+def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(node, make_model, monkeypatch):
     stored = make_model('later.yaml', {'force_z': (2.0, 0.0, 600.0)})
 
     def find(_job):
@@ -129,7 +103,6 @@ def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready, make_mo
         return {**vars(stored), 'path': str(stored.path), 'message': 'learnt'}
 
     monkeypatch.setattr('wrist_ft_comp.node.calibration_services.run_job', find)
-    node = ready()
     (node.directory / 'active.json').mkdir()
     said = node.call('calibrate')
     assert said.success

@@ -14,8 +14,8 @@ from wrist_ft_comp.stream.compensator import Compensator
 LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
 
 
-def test_statuses_are_published_named_after_the_node_and_the_frame(wired):
-    node = wired()
+def test_statuses_are_published_named_after_the_node_and_the_frame(rig):
+    node = rig()
     node.put(START, LOAD, frame='wrist_3_link')
     node.take()
     node.diagnosis('input', lambda status: status.values['frame'] == 'wrist_3_link')
@@ -87,7 +87,7 @@ def test_names_of_any_length_do_not_fill_the_diagnostics(rig):
         assert node.diagnosis('input').values['frame'] == frame[:255]
 
 
-@pytest.mark.parametrize('name', [b'a\0b\0', b'\xff\xfe\0', b'\xed\xa0\x80\0', b'\0\0\0\0'])
+@pytest.mark.parametrize('name', [b'a\0b\0', b'\xff\xfe\0', b'\0\0\0\0'])
 def test_a_frame_that_is_no_text_does_not_end_the_node(rig, make_model, name):
     node = rig(model=make_model('m.yaml'))
     whole = serialize_message(wrench_message(START, 'abc', LOAD))

@@ -440,13 +440,12 @@ class TestTemperature:
 
 
 class TestQualityOfService:
-    @pytest.mark.parametrize('executor', ['default', 'events'])
-    def test_a_publisher_of_other_quality_is_a_warning(self, wired, executor):
+    def test_a_publisher_of_other_quality_is_a_warning(self, wired):
         topics = {'wrench_raw': WrenchStamped, 'temperature': Temperature}
-        name = f'/unheard_{executor}'
+        name = '/unheard'
         override = f'qos_overrides.{name}/{{}}.subscription.reliability'
         overrides = {override.format(topic): 'reliable' for topic in topics}
-        node = wired(namespace=name, executor=executor, parameters=overrides)
+        node = wired(namespace=name, executor='events', parameters=overrides)
         helper = node.bench.helper
         for publisher in (node._raw, *node._temperatures):
             helper.destroy_publisher(publisher)

@@ -120,10 +120,9 @@ def test_bytes_that_are_no_message_are_named(listen):
     assert (listening.problem(), len(listening.taken)) == ('', 2)
 
 
-@pytest.mark.parametrize('executor', ['default', 'events'])
-def test_a_field_over_dds_moves_the_drift_and_wakes_no_executor(wired, make_model, executor):
+def test_a_field_over_dds_moves_the_drift_and_wakes_no_executor(wired, make_model):
     topics = ['state:effort[wrist]']
-    node = wired(topics=topics, model=make_model('m.yaml'), executor=executor)
+    node = wired(topics=topics, model=make_model('m.yaml'), executor='events')
     topic, inputs = node.topic('state'), node.node.inputs
     arm, gripper = (node.bench.publisher(JointState, topic, BEST_EFFORT) for _ in range(2))
     for second in range(4):

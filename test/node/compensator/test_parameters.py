@@ -89,7 +89,7 @@ def test_a_calibration_takes_the_parameters_of_its_time(rig):
     elsewhere = node.refused_value('calibration.recordings', ['/etc/passwd'])
     assert 'must lie inside data_directory' in elsewhere
     job = node.node.jobs.job()
-    assert (job.recordings, job.skip_unusable) == (recordings[1:], False)
+    assert (job.recordings, job.skip_unusable, job.period_s) == (recordings[1:], False, 0.0)
     assert job.settings.reference == 'recorded'
 
 

@@ -168,6 +168,7 @@ def test_a_calibration_goes_first(learner, models):
     node.wait(lambda: learning._judging is None, 'the end of the job')
     node.answer(success=False, message='refused')
     assert not node.rig.answered(answers).success
+    assert node.node.live.sha256 == models[0].sha256
     node.wait(lambda: learning.memory.judged == 'day_00001.csv', 'the next job')
 
 
