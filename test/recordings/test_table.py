@@ -22,7 +22,7 @@ from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter
 
 EPOCH = 1_723_248_197_123_456_789
 HEADER = 'stamp_s,force_z,temperature_c\n'
-UNSHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+UNSHARED = settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def all_samples(path, columns='', time=''):

@@ -51,7 +51,7 @@ def example():
     return SavedState(7, 'a' * 64, np.arange(6.0), memory)
 
 
-@settings(derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, derandomize=True, suppress_health_check=[*HealthCheck])
 @given(state=states)
 def test_a_state_comes_back_to_the_last_bit(tmp_path, state):
     path, again = tmp_path / 'new/state.json', tmp_path / 'again.json'
