@@ -498,3 +498,14 @@ def test_doubts_of_two_thermometers_stay_apart():
     for why in doubts * 2:
         compensator.doubt_zero(why)
     assert compensator.zero_doubts == doubts
+
+
+@pytest.mark.parametrize('load_n', [0.0, 80.0])
+def test_another_gain_that_goes_live_under_a_load_doubts_the_tare(make_model, load_n):
+    compensator = Compensator(1, model=make_model({'force_z': (0.0, 0.0, 1e-9)}))
+    for second in range(3):
+        compensator.add_temperature(0, second * SECOND, 40.0)
+    compensator.set_tare(np.zeros(6), 2 * SECOND)
+    model = make_model({'force_z': (0.0, 0.0009, 1e-9)})
+    compensator.go_live(model, (2 * SECOND, [0.0, 0.0, 1.018 * load_n, 0.0, 0.0, 0.0]))
+    assert any('under a load' in why for why in compensator.zero_doubts) == (load_n > 0)

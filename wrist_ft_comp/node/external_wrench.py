@@ -16,6 +16,7 @@ from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.payload.motion_collector import MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, LivePayload, MOST_KG
 from wrist_ft_comp.payload.weight_check import (
+    ExchangeCheck,
     HiddenWeight,
     LAG_STEP_S,
     LagCheck,
@@ -39,6 +40,12 @@ _FRESH_NS = 2_000_000
 _CHECKS = 16
 #: A tare that is not older, s, when these reports say that specific force is wrong, holds it.
 _JUDGED_S = 15.0
+#: Said where a weight shows with the wrong sign.
+_AGAINST = (
+    'the force of {} is against its weight: is z of gravity.frame up, is the IMU upside down, or '
+    'does it send gravity, not specific force; or is {} named when it is let go? Mend that, then '
+    'call ~/tare'
+)
 
 
 @dataclass(eq=False)
@@ -69,6 +76,10 @@ class ExternalWrench(Part):
     #: Whether the last tare was of another one.
     _tare_check: TareCheck = field(default_factory=TareCheck)
     _lag_check: LagCheck = field(default_factory=LagCheck)
+    #: Whether the wrench moves with the weight in swings, as far as TF shows that.
+    _swings: WeightCheck = field(default_factory=WeightCheck)
+    #: Whether it moves against the weight where payloads are exchanged.
+    _exchanges: ExchangeCheck = field(default_factory=ExchangeCheck)
     #: What was chosen at run time before a restart, in words, if it is another one than now.
     _before: str = ''
     #: The payload before the present one.
@@ -97,6 +108,12 @@ class ExternalWrench(Part):
         """Offer the topic wrench_external, and choose the payload; a refusal ends the node."""
         self.output = self.hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
         self._hold(self.choice.choose(self.hub.chosen()))
+        before, now = self.counts.weighed, self._weighed()
+        if before and now and before != now and self.compensator.external_tare.any():
+            self.compensator.doubt_zero(
+                f'the tare of wrench_external was taken with {before}, and the node was started '
+                f'with {now}: unless that is another tool, call ~/tare'
+            )
         if self.counts.payload == str(self.payload):
             self.counts.payload = ''
         self._before = self.counts.payload
@@ -104,6 +121,15 @@ class ExternalWrench(Part):
     def note_tare(self) -> None:
         """Take that wrench_external was tared just now."""
         self.tared_s, self._tare_check = time.monotonic(), TareCheck()
+        self.counts.weighed = self._weighed()
+
+    def _weighed(self) -> str:
+        """Say what is taken off, and how it is turned; '' where nothing is."""
+        if self.payload is None:
+            return ''
+        by = self.hub.chosen()
+        above = f'{by["gravity.source"]} {by["gravity.frame"]}'.rstrip()
+        return f'{self.payload}, {self.payload.frame}, by {above}'
 
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
@@ -160,6 +186,8 @@ class ExternalWrench(Part):
         now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
         if payload or self.payload:
             self.hub.log.info(f'payload: {now}')
+        if str(payload) != str(self.payload):
+            self._exchanges.exchange()
         self.payload = payload
         # Poses between two grips are too few to judge one: what is known of a payload stays.
         check = self._checks.pop(now, None) or WeightCheck(payload.name if payload else '')
@@ -168,6 +196,7 @@ class ExternalWrench(Part):
             del self._checks[next(iter(self._checks))]
         if check is not self.check:
             check.begin()
+            self._swings = WeightCheck(payload.name if payload else '')
         self.check, self.wrong = check, check.found
         self.collect(self.collector)
         if payload is None:
@@ -234,8 +263,13 @@ class ExternalWrench(Part):
             change_n = weight_n - payload.weight(before)[:3]
             yield from filter(None, [self._lag_check.look(rest_n, weight_n, change_n)])
         if not self.specific_force.is_calm(stamp_ns):
+            self._swings.add(wrench, weight)
+            if self._swings.is_far:
+                yield self._swings.found
             return
         self.check.add(wrench, weight)
+        if self._exchanges.look(wrench[:3], weight_n):
+            yield _AGAINST.format(payload.name, payload.name)
         off_n = self._tare_check.off_n(time.monotonic(), rest_n, weight_n)
         if off_n and self.compensator.tared and not self.check.found:
             yield (
@@ -248,6 +282,8 @@ class ExternalWrench(Part):
                 f'the weight of {payload.name} does not show, and the tare was taken while '
                 'payload.active was empty: if it was mounted then, call ~/tare'
             )
+            if wrench[:3] @ weight_n < -0.5 * weight_n @ weight_n:
+                yield _AGAINST.format(payload.name, payload.name)
 
     def _weight_doubts(self) -> Iterator[str]:
         """Say why the weight is wrong that is taken off, or is to be identified."""

@@ -47,6 +47,8 @@ class Counts:
     drivers: set[str] = field(default_factory=set)
     #: The payload that was chosen at run time, in words, also before a restart; else empty.
     payload: str = ''
+    #: The weight that was taken off at the tare, and how it was turned, in words; '' without one.
+    weighed: str = ''
     #: Usable wrenches that arrived, and corrected ones that were published.
     wrenches: int = 0
     published: int = 0

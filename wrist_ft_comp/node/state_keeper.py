@@ -76,7 +76,7 @@ class StateKeeper(Part):
             )
             self.compensator.tare_deviation = state.tare_deviation
             self.hub.log.info('the tare from before the restart is active')
-            self.counts.drivers = set(state.drivers)
+            self.counts.drivers, self.counts.weighed = set(state.drivers), state.weighed
         for doubt in state.zero_doubts:
             self.compensator.doubt_zero(doubt)
         if memory is None or model is None:
@@ -121,7 +121,7 @@ class StateKeeper(Part):
         state = SavedState(
             saved_ns, self.live.sha256, stream.tare, stream.memory(), stream.external_tare,
             stream.tared, tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers)),
-            self.counts.payload, stream.tare_deviation,
+            self.counts.payload, self.counts.weighed, stream.tare_deviation,
         )  # fmt: skip
         model = None if self.live.stored is None else self.live.stored.path
         self.writer.put(self.path.name, partial(self._write, state, model), then)

@@ -41,6 +41,8 @@ _AS_WEIGHT = 0.25
 #: A smaller turn is none, degrees: an IMU that a person mounts is right within 3. A force that is
 #: larger or smaller than the weight by more than this share of it is that of another payload.
 _LEAST_TURN_DEG, _ANOTHER_SHARE = 8.0, 0.07
+#: In a swing, TF lacks an acceleration that looks like a smaller turn, degrees.
+_FAR_DEG = 45.0
 #: Forces that are kept, and how many differ; five times in a row, this share of those lies on the
 #: sphere of a weight, within this share of its radius.
 _FORCES, _DIRECTIONS, _IN_A_ROW, _ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
@@ -62,6 +64,8 @@ _SHOWN_S = 10.0
 #: After a right tare, a free force differs from the weight by less than this, N, or this share of
 #: the weight. A tare is certain after this many directions in which it was so.
 _NEAR_N, _NEAR_SHARE, _PROOFS = 1.0, 0.05, 3
+#: So many exchanges of payloads show which way the weight goes.
+_EXCHANGES = 6
 #: A proven tare is doubted where it was never near for this time, s: tools press for less.
 _PRESSED_S = 600.0
 
@@ -72,6 +76,8 @@ class WeightCheck:
     def __init__(self, name: str = '') -> None:
         #: How the wrench moves otherwise than the weight, in a sentence; '' where it does not.
         self.found = ''
+        #: Whether that is mirrored or turned by far, which no swing of the robot looks like.
+        self.is_far = False
         #: Whether changes of _LOOK_N showed that, so that they may show that it is mended.
         self._by_looks = False
         self._name = name
@@ -184,7 +190,7 @@ class WeightCheck:
         """Say what the changes that are kept show; None where they do not tell."""
         if len(distinct(self._poses)) < _FEWEST_POSES:
             return None
-        changes = np.array(self._changes)
+        self.is_far, changes = False, np.array(self._changes)
         changes = changes[_are_free(changes[:, 0, :3], changes[:, 1, :3])]
         if len(changes) < _FEWEST / 2:
             return None
@@ -214,6 +220,7 @@ class WeightCheck:
             cosine = (np.trace(turn) / scale - 1) / 2
             turn_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
             is_turned = turn_deg > _LEAST_TURN_DEG
+            self.is_far = scale < 0 or turn_deg > _FAR_DEG
             if scale < 0 or is_turned:
                 how = f'mirrored or turned, by {turn_deg:.0f} degrees' if is_turned else 'mirrored'
                 return (
@@ -314,6 +321,35 @@ class HiddenWeight:
             self._hidden_s += 1.5 * (now_s - max(self._looked_s, self._hidden_s))
         self._looked_s = now_s
         return now_s - self._hidden_s > _SHOWN_S and 2 * off_n >= size_n
+
+
+class ExchangeCheck:
+    """Finds that the force goes against the weight where payloads are exchanged, in any pose."""
+
+    def __init__(self) -> None:
+        #: Forces and weights under the present payload, N, and the medians of the one before.
+        self._looks: deque[FloatArray] = deque(maxlen=_KEPT)
+        self._before: FloatArray | None = None
+        #: How much of a change of the weight the force made along it, at each exchange.
+        self._shares: deque[float] = deque(maxlen=_EXCHANGES)
+
+    def look(self, force_n: FloatArray, weight_n: FloatArray) -> bool:
+        """Take a force with the weight in it, and the weight, N, (3,); whether it is against."""
+        self._looks.append(np.stack((force_n, weight_n)))
+        # A payload that is named late, or early, makes it 0 to 1.
+        apart = np.abs(np.array(self._shares) + 1)
+        return len(apart) == _EXCHANGES and bool((apart < _ALONG_SHARE).all())
+
+    def exchange(self) -> None:
+        """Take that another payload is held from now on."""
+        if not self._looks:
+            return
+        now = np.median(self._looks, axis=0)
+        force, weight = now - (now if self._before is None else self._before)
+        self._before = now
+        self._looks.clear()
+        if np.linalg.norm(weight) >= _MOVED_N:
+            self._shares.append(float(force @ weight / (weight @ weight)))
 
 
 class TareCheck:

@@ -51,6 +51,8 @@ class SavedState:
     drivers: tuple[str, ...] = ()
     #: The payload that was chosen at run time, in words.
     payload: str = ''
+    #: The weight that was taken off at the tare, and how it was turned, in words.
+    weighed: str = ''
     #: How far models that were live before may have left the tare off, as the tare.
     tare_deviation: FloatArray = field(default_factory=lambda: np.zeros(len(AXES)))
 

@@ -343,6 +343,12 @@ class Compensator:
             before = self.compensation_at(stamp_ns)
             gain = (1.0 + target.sensitivity) / (1.0 + before.sensitivity)
             finite = np.where(np.isfinite(raw), raw, before.zero + self.tare)
+            kept = np.abs((gain - 1.0) * (finite - before.zero - self.tare))
+            if self.tared and (kept > np.fmax(3 * self.deviation, axis_limits(_RAMP_N))).any():
+                self.doubt_zero(
+                    'another gain of the sensor went live under a load, and the tare holds what '
+                    'the load reads otherwise by it; call ~/tare'
+                )
             self.tare, self.external_tare = (
                 finite - target.zero - gain * (finite - before.zero - tare)
                 for tare in (self.tare, self.external_tare)

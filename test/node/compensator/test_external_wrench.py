@@ -516,3 +516,47 @@ def test_a_tare_without_force_or_of_two_payloads_is_refused(holding, felt_s, cha
     answer = node.answered(answers)
     assert (answer.success, reason in answer.message) == (False, True), answer.message
     assert not node.node.compensator.tared
+
+
+UPSIDE_DOWN = pytest.mark.parametrize(('z', 'words'), [(-1, 'mirrored'), (1, 'subtracting')])
+
+
+@UPSIDE_DOWN
+def test_by_tf_a_weight_upside_down_is_said_of_a_robot_that_never_rests(held, z, words):
+    part = held(source='tf', **BY_HAND)
+    for k, up in enumerate(Rotation.random(60, random_state=3).apply(UP)):
+        stamp = START + k * SECOND
+        part.force.on_specific_force(stamp, tuple((z * up).tolist()), 1.0)
+        part.ask(stamp, PART.weight(up))
+        found = part.status()
+    assert words in found.message
+
+
+@pytest.mark.parametrize('tared_with', [TOOL, None], ids=['the tool', 'nothing'])
+@UPSIDE_DOWN
+def test_a_weight_upside_down_is_said_where_the_tool_always_points_down(
+    held, z, words, tared_with
+):
+    part = held(('day', MOUNTED))
+    down = -UP
+    part.part.compensator.set_tare(
+        CONSTANT + (tared_with.weight(down) if tared_with else 0.0), START,
+        None if tared_with is None else tared_with.weight(z * down),
+    )  # fmt: skip
+    part.part.note_tare()
+    for k in range(60):
+        named, mounted = (('day-1', TOOL), ('day-2', PART))[k // 4 % 2]
+        part.hub.set(part.part, **{'payload.active': named})
+        felt = down + np.array([0.01 * (k % 2), 0.0, 0.0])
+        found = part.see(k, z * felt, mounted.weight(felt) + CONSTANT)
+    assert words.replace('mirrored', 'is against its weight') in found.message
+
+
+@pytest.mark.parametrize('mass_kg', [1.5, 1.0])
+def test_a_weight_that_is_put_right_over_a_restart_doubts_the_tare(rig, mass_kg):
+    by_hand = {**IMU, **BY_HAND, 'payload.mass': 1.5, 'tare.duration': 0.2}
+    node = rig(parameters={**by_hand, 'payload.mass': mass_kg})
+    assert tare_at_rest(node).success
+    node.node.state_keeper.end()
+    said = rig(parameters=by_hand).diagnosis('output').message
+    assert ('the tare of wrench_external was taken with manual' in said) == (mass_kg < 1.5), said
