@@ -109,7 +109,9 @@ class ExternalWrench(Part):
         self.output = self.hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
         self._hold(self.choice.choose(self.hub.chosen()))
         before, now = self.counts.weighed, self._weighed()
-        if before and now and before != now and self.compensator.external_tare.any():
+        # Another name is that of another tool, and the sensor's zero is the same.
+        is_corrected = before != now and before.startswith(now.partition(',')[0] + ',')
+        if is_corrected and self.compensator.external_tare.any():
             self.compensator.doubt_zero(
                 f'the tare of wrench_external was taken with {before}, and the node was started '
                 f'with {now}: unless that is another tool, call ~/tare'
