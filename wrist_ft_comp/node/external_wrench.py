@@ -270,8 +270,7 @@ class ExternalWrench(Part):
                 yield self._swings.found
             return
         self.check.add(wrench, weight)
-        if self._exchanges.look(wrench[:3], weight_n):
-            yield _AGAINST.format(payload.name, payload.name)
+        is_against = self._exchanges.look(wrench[:3], weight_n)
         off_n = self._tare_check.off_n(time.monotonic(), rest_n, weight_n)
         if off_n and self.compensator.tared and not self.check.found:
             yield (
@@ -284,8 +283,9 @@ class ExternalWrench(Part):
                 f'the weight of {payload.name} does not show, and the tare was taken while '
                 'payload.active was empty: if it was mounted then, call ~/tare'
             )
-            if wrench[:3] @ weight_n < -0.5 * weight_n @ weight_n:
-                yield _AGAINST.format(payload.name, payload.name)
+            is_against |= bool(wrench[:3] @ weight_n < -0.5 * weight_n @ weight_n)
+        if is_against:
+            yield _AGAINST.format(payload.name, payload.name)
 
     def _weight_doubts(self) -> Iterator[str]:
         """Say why the weight is wrong that is taken off, or is to be identified."""

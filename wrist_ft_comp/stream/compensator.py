@@ -346,8 +346,8 @@ class Compensator:
             kept = np.abs((gain - 1.0) * (finite - before.zero - self.tare))
             if self.tared and (kept > np.fmax(3 * self.deviation, axis_limits(_RAMP_N))).any():
                 self.doubt_zero(
-                    'another gain of the sensor went live under a load, and the tare holds what '
-                    'the load reads otherwise by it; call ~/tare'
+                    'a model with another gain went live under a load, and the tare holds the '
+                    'difference; call ~/tare'
                 )
             self.tare, self.external_tare = (
                 finite - target.zero - gain * (finite - before.zero - tare)

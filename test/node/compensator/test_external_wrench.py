@@ -448,6 +448,19 @@ def test_a_tool_that_was_on_at_a_tare_without_its_name_is_a_warning(held, monkey
         assert ('the weight of day-1 does not show' in part.status().message) == hides, press
 
 
+@pytest.mark.parametrize('share', [-1.0, 0.0])
+def test_a_weight_that_does_not_show_because_it_goes_the_wrong_way_is_said_so(
+    held, monkeypatch, share
+):
+    monkeypatch.setattr('wrist_ft_comp.payload.weight_check._SHOWN_S', -1.0)
+    part = held()
+    part.part.compensator.set_tare(CONSTANT, START)
+    part.hub.set(part.part, **{'payload.active': 'day-1'})
+    message = part.see(0, UP, CONSTANT + share * TOOL.weight(UP)).message
+    assert 'the weight of day-1 does not show' in message
+    assert message.count('is against its weight') == (share < 0)
+
+
 @pytest.mark.parametrize('speed', [0.5, 0.1])
 def test_by_tf_a_swing_teaches_nothing_of_the_payload(held, speed):
     """At an arm, the acceleration of a swing makes a payload look heavier."""
