@@ -8,12 +8,12 @@ ROOT = Path(__file__).parents[1]
 #: Most lines of Python. The numbers only go down; where one has to go up, a comment beside it says
 #: what a user gets for it.
 MOST = {
-    # Above the goal of 21 500: 1 250 lines came for faults that left 1 to 188 N with every status
+    # Above the goal of 21 500: 1 290 lines came for faults that left 1 to 188 N with every status
     # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
-    'wrist_ft_comp': 22_749,
+    'wrist_ft_comp': 22_786,
     # Above the goal of 19 000, for a hundred faults that were found by reading and breaking; each
     # test was red.
-    'test': 19_385,
+    'test': 19_434,
     # Up by 25: worlds have a cold and a hot hall, and a program zeroes the sensor in each cycle.
     'bench': 5_253,
 }

@@ -66,7 +66,17 @@ def test_a_thermometer_that_jumps_is_named(record):
     (sentence,) = jumping_thermometers([recording])
     assert 'Thermometer 1 of a.csv jumps faster than metal can: by 60' in sentence
     recording.measured[200:300] = recording.measured[301:700] = False
+    recording.temperature_c[300, 0] -= 50.0
     assert not list(jumping_thermometers([recording]))
+
+
+def test_zeros_of_a_thermometer_that_wakes_up_are_named(record):
+    # A node leaves out what follows them until metal could have got there.
+    recording = record()
+    recording.temperature_c[:20, 0] = 0.0
+    recording.measured[20:45] = False
+    (sentence,) = jumping_thermometers([recording])
+    assert 'jumps faster than metal can: by' in sentence
 
 
 def test_a_thermometer_that_was_frozen_all_day_is_known_by_its_other_days(make_recording, warm_up):

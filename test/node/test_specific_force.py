@@ -173,7 +173,7 @@ def test_a_frozen_imu_is_said_but_one_without_noise_in_a_simulation_is_none(star
     hub.values['use_sim_time'] = simulated
     for second in range(30):
         part.on_specific_force(START + second * SECOND, UP, None)
-        list(part.timing_doubts(None, {'forces': 1, 'came': 1, 'missed': 0}))
+        list(part.timing_doubts(None, {'forces': 1, 'came': 1, 'missed': 0}, 1.0))
     assert [*part.value_doubts(ForceFrame())] == [FROZEN][simulated:]
 
 

@@ -24,13 +24,19 @@ def test_between_two_poses_contact_is_no_turn_and_another_payload_is_found(gain,
     assert words in check.found
 
 
-@pytest.mark.parametrize(('share', 'words'), [(1.03, ''), (1.1, '1.1 times'), (0.9, '0.9 times')])
-def test_another_mass_at_the_same_place_is_no_other_centre_of_mass(share, words):
+@pytest.mark.parametrize(('weight_n', 'turn_deg', 'share', 'words'), [
+    (15.0, 0, 1.03, ''), (15.0, 0, 1.1, '1.1 times'), (15.0, 0, 0.9, '0.9 times'),
+    (15.0, 5, 1.0, ''), (98.0, 0, 1.02, ''), (98.0, 0, 1.06, '1.06 times'),
+    (98.0, 5, 1.0, 'turned, by 5 degrees'),
+])  # fmt: skip
+def test_another_mass_or_turn_is_said_where_it_matters(weight_n, turn_deg, share, words):
     check, rng = WeightCheck('tool'), np.random.default_rng(0)
+    turn = share * Rotation.from_euler('x', turn_deg, degrees=True).as_matrix()
     for _ in range(200):
-        force_n = Rotation.random(random_state=rng).apply([0, 0, -15.0])
+        force_n = Rotation.random(random_state=rng).apply([0, 0, -weight_n])
         weight = np.append(force_n, np.cross([0.0, 0.0, 0.15], force_n))
-        check.add(share * weight + rng.normal(0, 0.05, 6) * [1, 1, 1, 0.05, 0.05, 0.05], weight)
+        noise = rng.normal(0, 0.05, 6) * [1, 1, 1, 0.05, 0.05, 0.05]
+        check.add((weight.reshape(2, 3) @ turn.T).ravel() + noise, weight)
     assert words in check.found
     assert bool(words) == bool(check.found)
 

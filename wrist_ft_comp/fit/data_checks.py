@@ -16,7 +16,7 @@ from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, time_in
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
 from wrist_ft_comp.stream.failed_thermometers import stands_s
-from wrist_ft_comp.stream.temperature_jumps import jumps
+from wrist_ft_comp.stream.temperature_jumps import FASTEST_K_S, jumps
 
 #: Recordings of one hour, perhaps of other samples of it, differ in means over this time, s, by
 #: less than their noise; in temperatures by that or by this, K. Those of two days differ by more.
@@ -348,7 +348,9 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> Iterator[str]:
         for j in range(recording.thermometers):
             at = np.flatnonzero(recording.measured[:, j])
             steps_k = np.diff(recording.temperature_c[at, j])
-            jumped = np.flatnonzero(jumps(steps_k, np.diff(at) * recording.period_s))
+            # What comes after zeros of one that slept, a node left out until metal could do it.
+            took_s = np.diff(at) * recording.period_s
+            jumped = np.flatnonzero(jumps(steps_k, took_s, FASTEST_K_S))
             if len(jumped):
                 when = time_in(recording, at[jumped[0] + 1])
                 yield (

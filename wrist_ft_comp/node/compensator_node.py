@@ -155,8 +155,8 @@ class CompensatorNode(Hub):
         try:
             layout = locate(data, WRENCH_DOUBLES)
             stamp_ns, raw = layout.decode(data)
-            # One comparison for six numbers; false for NaN.
-            if not math.hypot(*raw) < LARGEST and not self.wrench_input.admits(raw):
+            # One comparison for six numbers; false for NaN, and for zeros.
+            if not 0.0 < math.hypot(*raw) < LARGEST and not self.wrench_input.admits(raw):
                 return
             stamp_ns = stamp_ns or self.now_ns()
             corrected = self.compensator.correct(stamp_ns, raw)

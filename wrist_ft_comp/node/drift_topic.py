@@ -16,7 +16,9 @@ from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.thermal_cells import ThermalCell
 
-#: Another publisher of the wrench is said when it has been there for this time, s: one that was
+#: Topics that nobody else may publish.
+_OWN = 'wrench', 'wrench_external', '~/drift', '~/correction'
+#: Another publisher of them is said when it has been there for this time, s: one that was
 #: killed stays in the graph for 20 s with Fast DDS.
 _TWINS_S = 30.0
 
@@ -38,8 +40,9 @@ class DriftTopic(Part):
 
     def __init__(self, compensator: Compensator, counts: Counts) -> None:
         self._compensator, self._counts, self._growth = compensator, counts, Growth()
-        #: When no other node published this wrench last, by the steady clock, s.
-        self._alone_s = time.monotonic()
+        #: Which topic of this node another one publishes, too, and when none did last, by the
+        #: steady clock, s.
+        self._shared, self._alone_s = '', time.monotonic()
 
     def start(self) -> None:
         """Offer the topics."""
@@ -70,7 +73,9 @@ class DriftTopic(Part):
     def statuses(self) -> Iterator[Status]:
         """Report what is subtracted, whether it hits a limit, and who else publishes it."""
         hub, stream, counts = self.hub, self._compensator, self._counts
-        if hub.count_publishers(hub.resolve_topic_name('wrench')) == 1:
+        ours = (hub.resolve_topic_name(name) for name in _OWN)
+        self._shared = next((topic for topic in ours if hub.count_publishers(topic) > 1), '')
+        if not self._shared:
             self._alone_s = time.monotonic()
         grown, _ = self._growth.since(failed=counts.failed, wrenches=counts.wrenches)
         comes = 'wrenches' in self._growth.lately()
@@ -105,8 +110,10 @@ class DriftTopic(Part):
         if large:
             yield f'drift of {large} is at its limit'
         if time.monotonic() - self._alone_s > _TWINS_S:
-            topic = self.hub.resolve_topic_name('wrench')
-            yield f'another node publishes {topic}, too, so that wrenches are mixed; end one'
+            yield (
+                f'another node publishes {self._shared}, too: forces are mixed, or services such '
+                'as ~/tare act on both; end one, or give it another namespace'
+            )
         if fast:
             yield f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
         if not stream.compensating:

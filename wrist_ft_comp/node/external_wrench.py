@@ -233,7 +233,9 @@ class ExternalWrench(Part):
         said = self.specific_force.doubt(), self.hub.disagreement('wrench_external')
         doubts = list(filter(None, said))
         if self.wanted:
-            doubts += self.specific_force.timing_doubts(newest and newest[0], grown)
+            mass_kg = payload.payload.mass_kg if payload else 0.0
+            at_ns = newest and newest[0]
+            doubts += self.specific_force.timing_doubts(at_ns, grown, mass_kg)
         if payload and newest and grown['came'] and (force := forces.at(newest[0])):
             wrench = np.array(self.compensator.correct(*newest[:2], external=True))
             weight = np.array(payload.weight(force))

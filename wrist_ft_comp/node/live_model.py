@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, SensorNames
+from wrist_ft_comp.channels import AXES, axis_unit, SensorNames
 from wrist_ft_comp.drift.drift_model import check_fits, check_sensor, StoredModel
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.node.raw_wrench import Counts
@@ -22,6 +22,10 @@ from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import HistoryEntry, How, NodeFolder
 from wrist_ft_comp.stored.safe_file import FileWriter
 from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.drift_limits import axis_limits
+
+#: What a model leaves of a day's drift is said where it is more than this, N, and more than half.
+_MOST_LEFT_N = 1.0
 
 
 @dataclass(eq=False)
@@ -125,6 +129,14 @@ class LiveModel(Part):
                 'the model compensates no axis, because nothing could be learnt; record a warm-up '
                 'and call ~/calibrate'
             )
+        # The answer of ~/calibrate said why; who comes after a restart reads the status alone.
+        for axis, largest in zip(AXES, axis_limits(_MOST_LEFT_N), strict=True):
+            entry = stored.document['axes'].get(axis)
+            if entry and entry['expected_rms'] > max(largest, entry['rms_before'] / 2):
+                trouble = trouble or (
+                    f'the model leaves {entry["expected_rms"]:.2g} {axis_unit(axis)} (RMS) of the '
+                    f'drift of {axis}, more than half; wrist_ft_comp show on its file says why'
+                )
         raw = () if self.counts.newest is None else np.nan_to_num(self.counts.newest[1])
         # An axis that drifts too little for a model was calibrated, too.
         new = [axis for axis, value in zip(AXES, raw, strict=False) if value]

@@ -97,12 +97,19 @@ class WrenchInput(Part):
         self._growth = Growth()
 
     def admits(self, raw: Sequence[float]) -> bool:
-        """Decide whether a wrench passes that holds NaN, or what no sensor reads, or count it."""
+        """Decide whether a wrench of NaN, zeros, or what no sensor reads, passes; or count it."""
         newest = self._counts.newest
         strange = unusable(raw, raw if newest is None else newest[1])
+        is_dead = not any(value for value in raw if math.isfinite(value))
+        if is_dead and strange is None:  # zeros, where drift and tare say what a free sensor reads
+            free = self._compensator.compensation.zero + self._compensator.tare
+            is_dead = bool((np.abs(free) > axis_limits(_THERE_N)).any())
+            is_dead &= not self.hub.get_parameter('use_sim_time').value
+            # Drivers send them when a link fails; mock hardware never sends anything else.
+            strange = 0.0 if is_dead and newest and any(newest[1]) else None
         if strange is not None:
             self._counts.strange, self._counts.dropped = strange, self._counts.dropped + 1
-            self._unsound |= not any(map(math.isfinite, raw))
+        self._unsound |= is_dead
         return strange is None
 
     def poll(self) -> None:
@@ -120,12 +127,8 @@ class WrenchInput(Part):
         away_s = now_s - self._quiet_s if is_judged else 0.0
         passed_s = (stamp_ns - self._stamp_ns) / NANOSECONDS
         simulated = self.hub.get_parameter('use_sim_time').value
-        # What a free sensor reads is known as long as the tare is not in doubt.
-        drift, tare = compensator.compensation.zero, compensator.tare
-        read = np.nan_to_num(raw)
-        is_zero = not read.any() and (np.abs(drift + tare) > axis_limits(_THERE_N)).any()
-        is_sound = simulated or not is_zero
-        self._unsound |= not is_sound
+        read, drift, tare = np.nan_to_num(raw), compensator.compensation.zero, compensator.tare
+        is_sound = read.any() or not self._unsound
         unsound_s = now_s - self._sound_s if is_judged and is_sound and self._unsound else 0.0
         if was_away(away_s, passed_s) or unsound_s > _RESET_S:
             if abs(passed_s - away_s) < 1 < away_s:  # no clock was set
@@ -161,7 +164,7 @@ class WrenchInput(Part):
         self.sensor.look(read.tolist())
         # The tare of an axis that was not there is 0.
         is_there = np.abs(read) > axis_limits(_THERE_N)
-        if compensator.tared and (is_new := is_there & (compensator.tare == 0)).any():
+        if compensator.tared and (is_new := is_there & (tare == 0)).any():
             axes = ', '.join(AXES[i] for i in np.flatnonzero(is_new))
             compensator.doubt_zero(f'{axes} read nothing, or 0, at the tare; call ~/tare')
         doubts = compensator.lasting_doubts
@@ -206,7 +209,9 @@ class WrenchInput(Part):
         if grown['dropped']:
             which = 'some wrenches are' if rate_hz else 'all wrenches are'
             message = f'{which} unusable and dropped; check the driver'
-            if counts.strange is not None:
+            if counts.strange == 0:
+                message += ': they are exactly zero on all axes, as where its link fails'
+            elif counts.strange is not None:
                 message += f': they are {why_unusable(AXES[0], counts.strange)}'
             yield Status(self.title, WARN, message, numbers)
         elif not rate_hz:

@@ -42,9 +42,9 @@ _NORM_DEVIATION = 0.03
 _AHEAD_S = 0.3
 #: More of the wrenches than this share without fresh specific force are a warning.
 _MISSED_SHARE = 0.1
-#: The weight is in doubt where it changes by more than this share between two samples, on the
-#: mean: half of a step.
-_STEP_SHARE = 0.05
+#: The weight is in doubt where half of a step between two samples is more than this share of it,
+#: or, by TF, which has no noise, than this, N.
+_STEP_SHARE, _STEP_N = 0.05, 1.0
 #: Samples that are kept, so that an IMU of 1 kHz may be a quarter of a second ahead of the wrench.
 _KEPT_SAMPLES = 256
 
@@ -269,12 +269,14 @@ class SpecificForceInput(Part):
             return 'the wrench has no frame_id, which TF is to turn; set it in its driver'
         return self._tree.missing() if self.source == 'tf' and self._handed_out_ns is None else ''
 
-    def timing_doubts(self, wrench_ns: int | None, grown: Mapping[str, int]) -> Iterator[str]:
+    def timing_doubts(
+        self, wrench_ns: int | None, grown: Mapping[str, int], mass_kg: float
+    ) -> Iterator[str]:
         """
         Say that specific force is missing, of another clock, or seldom; once a report.
 
-        Takes the stamp of the newest wrench, ns, and how many ``forces`` and wrenches ``came``
-        since the last report, and how many of these ``missed`` a force.
+        Takes the stamp of the newest wrench, ns, how many ``forces`` and wrenches ``came`` since
+        the last report, how many of these ``missed`` a force, and what is taken off.
         """
         is_new, wrenches = grown['forces'] > 0, max(grown['came'], 1)
         newest, rests = self.forces.newest, 'wrench_external rests'
@@ -302,10 +304,12 @@ class SpecificForceInput(Part):
                 'synchronise them, or look at its network'
             )
         step_s, step = self.forces.last_step
-        if 0 < grown['forces'] / wrenches < 0.5 and step > 2 * _STEP_SHARE * GRAVITY:
+        wrong_n, limit_n = mass_kg * step / 2, mass_kg * _STEP_SHARE * GRAVITY
+        limit_n = min(limit_n, _STEP_N) if self.source == 'tf' else limit_n
+        if 0 < grown['forces'] / wrenches < 0.5 and wrong_n > limit_n:
             yield (
-                f'specific force comes every {step_s:.2g} s, and {step / 2 / GRAVITY:.0%} of the '
-                'weight that is taken off is wrong in motion; let it come faster'
+                f'specific force comes every {step_s:.2g} s, so that {wrong_n:.2g} N of the '
+                'weight that is taken off are wrong in motion; let it come faster'
             )
 
     def value_doubts(self, frame: ForceFrame) -> Iterator[str]:

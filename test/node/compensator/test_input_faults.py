@@ -287,6 +287,17 @@ class TestWrench:
         words = 'some wrenches are unusable and dropped; check the driver: they are not finite'
         warns(node, 'input', words)
 
+    def test_zeros_between_readings_of_a_tared_sensor_are_dropped(self, warm, warns):
+        # As of a driver whose link failed for a moment; mock hardware sends nothing else.
+        node, none = warm(), np.zeros(6)
+        node.node.compensator.set_tare(RAW, START)
+        for wrench, passes in ((none, True), (RAW, True), (none, False), (RAW, True)):
+            node.put(START, wrench)
+            if passes:
+                node.outputs.get(timeout=20)
+        warns(node, 'input', 'and dropped; check the driver: they are exactly zero on all axes')
+        assert node.outputs.empty()
+
     def test_a_driver_that_comes_back_is_a_warning_until_the_next_tare(self, warm, warns):
         node = warm()
         warns(node, 'output', 'no tare: wrench still holds the zero of the sensor; call ~/tare')
@@ -304,12 +315,13 @@ class TestWrench:
             node.node.compensator.set_tare(RAW, START)
             assert words not in node.diagnosis('output').message
 
-    def test_another_publisher_of_the_wrench_warns(self, warm, warns, monkeypatch):
+    @pytest.mark.parametrize('name', ['wrench', 'wrist_ft_comp/drift'])
+    def test_another_publisher_of_its_topics_warns(self, name, warm, warns, monkeypatch):
+        # One of the same name, whose wrench is remapped, answers the same services.
         monkeypatch.setattr('wrist_ft_comp.node.drift_topic._TWINS_S', 0.2)
         node = warm()
-        node.bench.helper.create_publisher(WrenchStamped, f'{node.namespace}/wrench', 1)
-        words = f'another node publishes {node.namespace}/wrench, too, so that wrenches are mixed'
-        warns(node, 'output', words)
+        node.bench.helper.create_publisher(WrenchStamped, f'{node.namespace}/{name}', 1)
+        warns(node, 'output', f'another node publishes {node.namespace}/{name}, too')
 
 
 GOOD = [(second, 30.0) for second in range(21, 24)]
