@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[1]
 MOST = {
     # Above the goal of 21 500: 1 290 lines came for faults that left 1 to 188 N with every status
     # OK, and for tables that were read wrongly. Each has a row in docs/reliability.md.
-    'wrist_ft_comp': 22_786,
+    'wrist_ft_comp': 22_797,
     # Above the goal of 19 000, for a hundred faults that were found by reading and breaking; each
     # test was red.
     'test': 19_434,

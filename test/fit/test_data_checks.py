@@ -74,7 +74,7 @@ def test_zeros_of_a_thermometer_that_wakes_up_are_named(record):
     # A node leaves out what follows them until metal could have got there.
     recording = record()
     recording.temperature_c[:20, 0] = 0.0
-    recording.measured[20:45] = False
+    recording.measured[20:30] = False
     (sentence,) = jumping_thermometers([recording])
     assert 'jumps faster than metal can: by' in sentence
 

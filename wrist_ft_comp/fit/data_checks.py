@@ -16,7 +16,7 @@ from wrist_ft_comp.fit.folds import mean_over
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, time_in
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
 from wrist_ft_comp.stream.failed_thermometers import stands_s
-from wrist_ft_comp.stream.temperature_jumps import FASTEST_K_S, jumps
+from wrist_ft_comp.stream.temperature_jumps import FASTEST_K_S, JUMP_K_S, jumps
 
 #: Recordings of one hour, perhaps of other samples of it, differ in means over this time, s, by
 #: less than their noise; in temperatures by that or by this, K. Those of two days differ by more.
@@ -31,6 +31,8 @@ _NEARLY_ALL = 0.9
 _SEVERAL = 10
 #: A thermometer is silent for long from this time on, s: the drift of that time is a guess.
 LONG_SILENCE_S = 600.0
+#: A node leaves out what jumped by 40 K for less than this, s, and believes it then.
+_DROPPED_S = 200.0
 #: A thermometer that stands still for this many times as long as ever else is frozen.
 _STANDS = 3
 #: Of a channel up to this share may be left out; with more, something is wrong with it.
@@ -348,9 +350,10 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> Iterator[str]:
         for j in range(recording.thermometers):
             at = np.flatnonzero(recording.measured[:, j])
             steps_k = np.diff(recording.temperature_c[at, j])
-            # What comes after zeros of one that slept, a node left out until metal could do it.
+            # After zeros of one that slept, a node drops readings until metal could do it.
             took_s = np.diff(at) * recording.period_s
-            jumped = np.flatnonzero(jumps(steps_k, took_s, FASTEST_K_S))
+            fastest_k_s = np.where(took_s < _DROPPED_S, 2 * FASTEST_K_S, JUMP_K_S)
+            jumped = np.flatnonzero(jumps(steps_k, took_s, fastest_k_s))
             if len(jumped):
                 when = time_in(recording, at[jumped[0] + 1])
                 yield (

@@ -233,7 +233,7 @@ class ExternalWrench(Part):
         said = self.specific_force.doubt(), self.hub.disagreement('wrench_external')
         doubts = list(filter(None, said))
         if self.wanted:
-            mass_kg = payload.payload.mass_kg if payload else 0.0
+            mass_kg = payload.payload.mass_kg if payload else 1.0  # it is being identified
             at_ns = newest and newest[0]
             doubts += self.specific_force.timing_doubts(at_ns, grown, mass_kg)
         if payload and newest and grown['came'] and (force := forces.at(newest[0])):

@@ -24,7 +24,7 @@ from wrist_ft_comp.stored.safe_file import FileWriter
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.drift_limits import axis_limits
 
-#: What a model leaves of a day's drift is said where it is more than this, N, and more than half.
+#: What a model leaves of held-out drift is said where it is more than this, N, and than half.
 _MOST_LEFT_N = 1.0
 
 
@@ -132,10 +132,10 @@ class LiveModel(Part):
         # The answer of ~/calibrate said why; who comes after a restart reads the status alone.
         for axis, largest in zip(AXES, axis_limits(_MOST_LEFT_N), strict=True):
             entry = stored.document['axes'].get(axis)
-            if entry and entry['expected_rms'] > max(largest, entry['rms_before'] / 2):
+            if entry and entry['rms_after'] > max(largest, entry['rms_before'] / 2):
                 trouble = trouble or (
-                    f'the model leaves {entry["expected_rms"]:.2g} {axis_unit(axis)} (RMS) of the '
-                    f'drift of {axis}, more than half; wrist_ft_comp show on its file says why'
+                    f'the model leaves {entry["rms_after"]:.2g} {axis_unit(axis)} (RMS) of the '
+                    f'drift of {axis}, more than half; see wrist_ft_comp show'
                 )
         raw = () if self.counts.newest is None else np.nan_to_num(self.counts.newest[1])
         # An axis that drifts too little for a model was calibrated, too.

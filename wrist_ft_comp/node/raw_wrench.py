@@ -106,7 +106,8 @@ class WrenchInput(Part):
             is_dead = bool((np.abs(free) > axis_limits(_THERE_N)).any())
             is_dead &= not self.hub.get_parameter('use_sim_time').value
             # Drivers send them when a link fails; mock hardware never sends anything else.
-            strange = 0.0 if is_dead and newest and any(newest[1]) else None
+            lived = self._compensator.tared and newest and np.nan_to_num(newest[1]).any()
+            strange = 0.0 if is_dead and lived else None
         if strange is not None:
             self._counts.strange, self._counts.dropped = strange, self._counts.dropped + 1
         self._unsound |= is_dead
@@ -210,10 +211,14 @@ class WrenchInput(Part):
             which = 'some wrenches are' if rate_hz else 'all wrenches are'
             message = f'{which} unusable and dropped; check the driver'
             if counts.strange == 0:
-                message += ': they are exactly zero on all axes, as where its link fails'
+                message += (
+                    ': they are exactly zero on all axes, as where a link fails; if that is a '
+                    'reading, call ~/reset_tare'
+                )
             elif counts.strange is not None:
                 message += f': they are {why_unusable(AXES[0], counts.strange)}'
-            yield Status(self.title, WARN, message, numbers)
+            sick = self.sickness()
+            yield Status(self.title, WARN, f'{message}; {sick}' if sick else message, numbers)
         elif not rate_hz:
             why = why_silent(self.hub, 'wrench_raw', WRENCH)
             yield Status(self.title, STALE, f'no raw wrenches arrive: {why}', numbers)

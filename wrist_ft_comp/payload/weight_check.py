@@ -41,8 +41,9 @@ _AS_WEIGHT = 0.25
 #: A smaller turn is none, degrees: an IMU that a person mounts is right within 3. A force that is
 #: larger or smaller than the weight by more than this share of it is that of another payload.
 _LEAST_TURN_DEG, _ANOTHER_SHARE = 8.0, 0.07
-#: Of heavy payloads, a smaller share makes as much of wrench_external wrong as is to be said, N.
-_MOST_OFF_N = 3.0
+#: Of heavy payloads, smaller ones are said that make this much of wrench_external wrong, N; but
+#: none that ~/identify_payload may leave, degrees, or share.
+_MOST_OFF_N, _LEARNT_DEG, _LEARNT_SHARE = 3.0, 3.0, 0.03
 #: In a swing, TF lacks an acceleration that looks like a smaller turn, degrees.
 _FAR_DEG = 45.0
 #: Forces that are kept, and how many differ; five times in a row, this share of those lies on the
@@ -211,11 +212,11 @@ class WeightCheck:
         off_n = np.median(np.linalg.norm(force - weight, axis=1))
         rest = np.median(np.linalg.norm(force - weight @ turn.T, axis=1))
         reach = np.median(np.linalg.norm(weight, axis=1))
-        most_share = _MOST_OFF_N / np.median(np.linalg.norm(self._poses, axis=1))
-        least_turn = min(np.radians(_LEAST_TURN_DEG), most_share)
-        limit_n = least_turn * reach
+        share = _MOST_OFF_N / float(np.median(np.linalg.norm(self._poses, axis=1)))
+        least_deg = np.clip(np.degrees(share), _LEARNT_DEG, _LEAST_TURN_DEG)
+        limit_n = np.radians(_LEAST_TURN_DEG) * reach
         # Half of it: where the weight points along the axis of a turn it does not move.
-        if off_n > limit_n / 2 and rest < _UNEXPLAINED_SHARE * off_n:
+        if off_n > np.radians(least_deg) * reach / 2 and rest < _UNEXPLAINED_SHARE * off_n:
             if abs(scale) < _MOUNTED_SHARE:
                 return (
                     f'the force hardly moves with the weight of {self._name}; is it mounted? Set '
@@ -223,7 +224,7 @@ class WeightCheck:
                 )
             cosine = (np.trace(turn) / scale - 1) / 2
             turn_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-            is_turned = turn_deg > np.degrees(least_turn)
+            is_turned = turn_deg > least_deg
             self.is_far = scale < 0 or turn_deg > _FAR_DEG
             if scale < 0 or is_turned:
                 how = f'mirrored or turned, by {turn_deg:.0f} degrees' if is_turned else 'mirrored'
@@ -232,7 +233,7 @@ class WeightCheck:
                     f'is {how}; mend the mount of the IMU or the frame of the wrench, or call '
                     '~/identify_payload'
                 )
-            if abs(scale - 1) > min(_ANOTHER_SHARE, most_share):
+            if abs(scale - 1) > np.clip(share, _LEARNT_SHARE, _ANOTHER_SHARE):
                 return (
                     f'the force moves {scale:.3g} times as much as the weight of {self._name}: '
                     'its unit, payload.mass, or the payload is another one; mend that, or call '

@@ -19,7 +19,7 @@ from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 #: A thermometer in metal does not change by more than this from sample to sample, K ...
 JUMP_K = 2.0
 #: ... plus this for every second between them, K/s.
-_JUMP_K_S = 0.2
+JUMP_K_S = 0.2
 #: A smaller step than this between two readings is never called a jump, K, ...
 _LEAST_JUMP_K = 0.5
 #: ... nor one below this many times the largest step that the thermometer usually makes, ...
@@ -41,13 +41,15 @@ Reading = tuple[int, float]
 
 
 def jumps(
-    steps_k: FloatArray | float, elapsed_s: FloatArray | float, fastest_k_s: float = _JUMP_K_S
+    steps_k: FloatArray | float,
+    elapsed_s: FloatArray | float,
+    fastest_k_s: FloatArray | float = JUMP_K_S,
 ) -> BoolArray:
     """Say which changes, K, are too fast for metal, by the seconds that each took; any shape."""
     return np.asarray(np.abs(steps_k) > JUMP_K + fastest_k_s * elapsed_s)
 
 
-def _apart(one: Reading, other: Reading, fastest_k_s: float = _JUMP_K_S) -> bool:
+def _apart(one: Reading, other: Reading, fastest_k_s: float = JUMP_K_S) -> bool:
     """Whether temperature cannot have gone from one sample to the other, in whole seconds."""
     elapsed_s = abs(other[0] // NANOSECONDS - one[0] // NANOSECONDS)
     return bool(jumps(other[1] - one[1], elapsed_s, fastest_k_s))

@@ -144,7 +144,7 @@ def test_a_model_that_leaves_most_of_the_drift_is_a_warning(rig, make_model, bef
     # As of recordings of two sensors; the answer of ~/calibrate is gone after a restart.
     node = rig(model=make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)}))
     axis = node.node.live.stored.document['axes']['force_z']
-    axis |= {'rms_before': before, 'expected_rms': left}
+    axis |= {'rms_before': before, 'rms_after': left}
     status = node.diagnosis('model')
     assert status.level == level
     assert (level == OK) == ('the model leaves 3.8 N (RMS) of' not in status.message)
