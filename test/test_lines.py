@@ -13,7 +13,7 @@ MOST = {
     'wrist_ft_comp': 22_797,
     # Above the goal of 19 000, for a hundred faults that were found by reading and breaking; each
     # test was red.
-    'test': 19_434,
+    'test': 19_437,
     # Up by 25: worlds have a cold and a hot hall, and a program zeroes the sensor in each cycle.
     'bench': 5_253,
 }

@@ -24,7 +24,7 @@ from wrist_ft_comp.stored.safe_file import FileWriter
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.drift_limits import axis_limits
 
-#: What a model leaves of held-out drift is said where it is more than this, N, and than half.
+#: A model is doubted that leaves more than this of held-out drift, N, and more than half of it.
 _MOST_LEFT_N = 1.0
 
 
